@@ -19,7 +19,7 @@ use flix_protocol::message::Bridges;
 use super::least_squares::fit;
 
 /// By how much an entered resistance, inductance or flux linkage may be off, as a share.
-pub(crate) const ENTERED: f64 = 0.05;
+pub const ENTERED: f64 = 0.05;
 /// Angle by which alignment may be off, rad.
 const OFFSET: f64 = 0.05;
 /// Latency that is looked for, s.

@@ -75,7 +75,7 @@ pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, D
 }
 
 /// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and returns the address that proves to have one of these
-/// keys; of several that do within [`PROVERS`], the one that answers soonest: somebody in between is never the quicker way.
+/// keys; of several that do within 0.3 s, the one that answers soonest: somebody in between is never the quicker way.
 /// Whoever is in the network can answer for it, and faster; when nobody proves it, the first that answered is returned, whose
 /// handshake says what is wrong.
 ///

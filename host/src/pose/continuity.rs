@@ -25,15 +25,15 @@ pub const TURN: f64 = 0.2;
 /// Fastest motion of a robot, m/s: some five times the paper's fastest mode, above a gentle push.
 pub const FASTEST: f64 = 1.0;
 /// Fastest turn of a robot, rad/s: some five times the paper's fastest mode.
-pub(crate) const FASTEST_TURN: f64 = 10.0;
+pub const FASTEST_TURN: f64 = 10.0;
 /// Least age of the older pose that the next one has to be within reach of: the period of 100 poses per second.
-pub(crate) const ANCHOR_AGE: Duration = Duration::from_millis(10);
+pub const ANCHOR_AGE: Duration = Duration::from_millis(10);
 /// Time without a jump after which a stream is trusted: 20 poses at 100 Hz, and twice the age at
 /// which a pose is too old to steer by.
-pub(crate) const STEADY_TIME: Duration = Duration::from_millis(200);
+pub const STEADY_TIME: Duration = Duration::from_millis(200);
 /// Longest time between two poses of a stream; a longer one breaks the trust as a jump does, so that a
 /// pause does not widen the reach.
-pub(crate) const LONGEST_GAP: Duration = STEADY_TIME;
+pub const LONGEST_GAP: Duration = STEADY_TIME;
 
 /// Judges each pose of a stream by those before it. Takes constant memory; never panics.
 #[derive(Debug, Clone, Default)]

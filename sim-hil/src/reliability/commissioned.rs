@@ -26,7 +26,7 @@ use crate::rig::bench::{BASES, Base, BenchError, FREQUENCIES, Subject};
 use crate::rig::simulated::Disturbance;
 
 /// theta of a robot whose f is limited: largest root mean square error, degrees.
-pub(crate) const LIMITED_DIRECTION_DEG: f64 = 3.0;
+pub const LIMITED_DIRECTION_DEG: f64 = 3.0;
 /// Within which a robot says what is wrong.
 const SAYING: Duration = Duration::from_millis(500);
 

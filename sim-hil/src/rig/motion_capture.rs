@@ -19,11 +19,11 @@ use crate::rig::simulated::SimulatedRobot;
 /// From one camera frame to the next: OptiTrack at 100 Hz.
 pub const POSE_PERIOD: Duration = Duration::from_millis(10);
 /// From exposure to arrival: OptiTrack states 5 to 10 ms for its Prime cameras.
-pub(crate) const POSE_DELAY: Duration = Duration::from_millis(8);
+pub const POSE_DELAY: Duration = Duration::from_millis(8);
 /// Standard deviation of each coordinate, m: OptiTrack states 0.2 to 0.3 mm in a small volume; doubled.
-pub(crate) const POSITION_NOISE: f64 = 0.5e-3;
+pub const POSITION_NOISE: f64 = 0.5e-3;
 /// Standard deviation of the heading, rad: of markers 150 mm apart.
-pub(crate) const HEADING_NOISE: f64 = 5e-3;
+pub const HEADING_NOISE: f64 = 5e-3;
 
 /// Simulated cameras.
 pub struct MotionCapture {

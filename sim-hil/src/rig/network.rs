@@ -42,7 +42,7 @@ const QUEUE: usize = 64;
 /// Time that passes between two ticks of the robot.
 pub const TICK: Duration = Duration::from_micros(TICK_US as u64);
 /// Turns that all tasks get in each tick: a datagram needs six from end to end.
-pub(crate) const TURNS: usize = 12;
+pub const TURNS: usize = 12;
 
 /// Virtual time is one for the whole process.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());

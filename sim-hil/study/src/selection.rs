@@ -24,7 +24,7 @@ use flix_sim::rig::bench::setpoint;
 /// The paper's least speed of a pair that is worth choosing, m/s.
 pub const LEAST_SPEED: f64 = 0.05;
 /// Largest share of the own component that a minimal one may have.
-pub(crate) const MINIMAL: f64 = 0.5;
+pub const MINIMAL: f64 = 0.5;
 
 /// The pairs that are too slow to be chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

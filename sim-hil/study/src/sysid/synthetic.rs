@@ -243,9 +243,9 @@ fn walk(
 /// How well one hidden robot was identified.
 #[derive(Debug, Clone, Default)]
 pub struct Score {
-    /// For each of [`SCORED`]: whether each interval holds the truth.
+    /// For each of stiffness, damping, friction and centre: whether each interval holds the truth.
     inside: [Vec<bool>; 4],
-    /// For each of [`SCORED`]: errors as shares; of the centre, mm.
+    /// For each of stiffness, damping, friction and centre: errors as shares; of the centre, mm.
     errors: [Vec<f64>; 4],
     /// Sums of the square errors of the walks, as they are fitted and as they are held out.
     walks: [f64; 2],
@@ -294,7 +294,7 @@ fn score(plan: &RobotModel, robot: &RobotModel, found: &Identified) -> Result<Sc
     Ok(score)
 }
 
-/// A number for each of [`SCORED`].
+/// A number for each of stiffness, damping, friction and centre.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Kinds {
     /// Bend and twist stiffness of the legs.
