@@ -1,4 +1,4 @@
-//! Which chip, board and options the cargo features ask for, or one sentence on why they cannot
+//! Chip, board and options that the cargo features ask for, or one sentence on why they cannot
 //! be had together. Shared by the build script, its test and `cargo xtask`.
 
 /// Boards, the chip that each carries, and whether it is the chip's default.

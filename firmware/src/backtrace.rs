@@ -1,4 +1,4 @@
-//! Which calls led to a place, read off a RISC-V stack without frame pointers.
+//! The calls that led to a place, read off a RISC-V stack without frame pointers.
 //!
 //! A called function keeps on the stack where it returns to: behind the instruction that called it. So each word of the
 //! stack that points behind a call may be such an address. Words that earlier calls left behind look the same: a list found

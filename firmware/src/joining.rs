@@ -65,7 +65,7 @@ pub struct Joining {
 }
 
 impl Joining {
-    /// Before the first try, with the password of provisioning.
+    /// Returns the state before the first try, with the password of provisioning.
     #[must_use]
     pub fn new(password: &str) -> Self {
         let has_passphrase = !password.is_empty() && !is_key(password);
@@ -79,12 +79,12 @@ impl Joining {
         self.credential
     }
 
-    /// The radio connected.
+    /// Notes that the radio connected.
     pub const fn connected(&mut self) {
         self.silent = 0;
     }
 
-    /// A connection that held for so long was lost.
+    /// Notes that a connection that held for so long was lost.
     pub fn lost(&mut self, held: Duration) -> Next {
         if held > GOOD_CONNECTION {
             self.wait = SHORTEST_WAIT;
@@ -92,7 +92,7 @@ impl Joining {
         Next::Retry(self.next_wait())
     }
 
-    /// A try failed, and the radio stated why. Whether there was an access point at all that refused the credential: then the
+    /// Notes that a try failed, and the radio stated why. Whether there was an access point at all that refused the credential: then the
     /// other is tried next.
     pub fn failed(&mut self, was_refused: bool) -> Next {
         self.silent = 0;
@@ -105,7 +105,7 @@ impl Joining {
         Next::Retry(self.next_wait())
     }
 
-    /// Nothing came of a try, or the driver refused it.
+    /// Notes that a try had no result, or the driver refused it.
     pub fn silent(&mut self) -> Next {
         self.silent += 1;
         let wait = self.next_wait();

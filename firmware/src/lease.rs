@@ -76,7 +76,7 @@ impl Lease {
         let Some(Message { kind, server, transaction }) = message(frame, CLIENT_PORT) else {
             return true;
         };
-        // One to another client tells nothing about this one's server.
+        // One to another client says nothing about this one's server.
         if transaction != self.transaction {
             return true;
         }

@@ -246,7 +246,7 @@ mod tests {
 
     use super::*;
 
-    /// A scope of two channels, one of which counts ticks, and what it is told.
+    /// A scope of two channels, one of which counts ticks, and its inputs.
     struct Bench {
         scope: Scope,
         tick: i16,

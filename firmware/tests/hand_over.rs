@@ -241,7 +241,7 @@ fn a_configuration_that_comes_while_the_motors_are_driven_waits_until_they_are_n
         halves.tick(1);
         seen.push((is_driven(&halves.actuation), halves.exchange.is_configuration_waiting()));
     }
-    assert_eq!(seen[0], (false, true), "let go before it is taken over");
+    assert_eq!(seen[0], (false, true), "coasting before it is taken over");
     assert!(!seen.contains(&(true, true)), "{seen:?}");
     assert!(seen.iter().any(|(_, waits)| !waits), "taken over in the end");
 }
@@ -281,8 +281,8 @@ fn the_scope_is_begun_by_an_operator_filled_by_the_fast_half_and_read_by_the_ope
     assert_eq!(early, Outcome::Refused(Refusal::NotCaptured));
     // One tick is that of the plan before.
     halves.tick(SCOPE_VALUES as u32 / 2 + 2);
-    let told = ask_scope(&mut halves, ScopeCommand::Status);
-    let Outcome::Scope(status) = told else { panic!("{told:?}") };
+    let answer = ask_scope(&mut halves, ScopeCommand::Status);
+    let Outcome::Scope(status) = answer else { panic!("{answer:?}") };
     assert_eq!((status.state, status.rows), (ScopeState::Complete, SCOPE_VALUES as u16 / 2));
     let read = ask_scope(&mut halves, ScopeCommand::Read(0));
     let Outcome::ScopeRows(rows) = read else { panic!("{read:?}") };
@@ -309,8 +309,8 @@ fn the_scope_watches_for_faults_again_once_its_operator_has_gone() {
     halves.change_operator();
     halves.now = halves.now + core::time::Duration::from_secs(2);
     halves.connect();
-    let told = ask_scope(&mut halves, ScopeCommand::Status);
-    let Outcome::Scope(status) = told else { panic!("{told:?}") };
+    let answer = ask_scope(&mut halves, ScopeCommand::Status);
+    let Outcome::Scope(status) = answer else { panic!("{answer:?}") };
     assert_eq!((status.plan, status.state), (ScopePlan::watch(), ScopeState::Waiting));
 }
 

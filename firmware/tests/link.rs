@@ -515,7 +515,7 @@ fn what_was_asked_before_the_newest_change_undoes_nothing_when_it_is_repeated() 
             assert!(ends.outcomes.pop().is_some());
         }
     }
-    // What lets go is obeyed however old it is.
+    // What makes the motors coast is obeyed however old it is.
     for (number, command) in [(3, Command::Disarm), (2, Command::Stop)] {
         let mut ends = Ends::at(State::Running);
         let frame = ends.seal_as(number, command);

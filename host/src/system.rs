@@ -58,6 +58,17 @@ pub fn is_pipe(_kind: std::fs::FileType) -> bool {
     false
 }
 
+/// Raises a flag when it is dropped, also by a test that fails.
+#[cfg(test)]
+pub(crate) struct AtEnd<'a>(pub(crate) &'a std::sync::atomic::AtomicBool);
+
+#[cfg(test)]
+impl Drop for AtEnd<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, std::sync::atomic::Ordering::Relaxed);
+    }
+}
+
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
     #[test]

@@ -220,7 +220,7 @@ fn a_robot_is_asked_to_disarm_until_it_is_disarmed_or_armed_anew() {
     room.lively.clear();
     room.pages.close(ANNA, &mut room.cockpit, &mut room.client, room.now);
     room.run(lost);
-    assert_ne!(room.robot.state, State::Disarmed, "nothing told it");
+    assert_ne!(room.robot.state, State::Disarmed, "nothing asked it");
     room.robot.lost = None;
     room.run(REST);
     assert_eq!(room.robot.state, State::Disarmed);
@@ -277,7 +277,7 @@ fn a_press_that_is_said_again_stops_once_and_is_stated_as_heard() {
     };
     assert_eq!(press(&mut room, BOB, 7), (true, json!([7])));
     room.act(ANNA, Action::Clear);
-    // By another connection, as nobody had told it.
+    // By another connection, as if nobody had reported it.
     room.pages.close(BOB, &mut room.cockpit, &mut room.client, room.now);
     room.open(BOB + 1);
     assert_eq!(press(&mut room, BOB + 1, 7), (false, json!([7])));
@@ -607,6 +607,6 @@ fn a_walk_ends_with_its_session() {
     let mut room = Room::walking();
     room.robot.restart();
     room.run(Duration::from_secs(2));
-    assert_eq!((room.cockpit.wanted, room.robot.setpoint), (Setpoint::REST, Setpoint::REST));
+    assert_eq!((room.cockpit.setpoint, room.robot.setpoint), (Setpoint::REST, Setpoint::REST));
     assert!(room.log().contains("fell silent"), "{}", room.log());
 }

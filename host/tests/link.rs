@@ -850,7 +850,7 @@ fn every_request_ends_once_and_a_stopped_robot_is_armed_by_nothing_older() {
         world.lose = Box::new(seeded_loss(seed, [0.0, 0.2, 0.5][dice.roll(3) as usize]));
         world.latency = Duration::from_millis([2, 30, 80, 150][dice.roll(4) as usize]);
         let mut asked = Vec::new();
-        // How often the robot had been asked to arm when it was told to stop or to disarm, with no wish to arm it since.
+        // How often the robot had been asked to arm when it was asked to stop or to disarm, with no wish to arm it since.
         let mut before = None;
         for _ in 0..dice.roll(12) + 3 {
             world.robot.ramps_down_for = dice.roll(12) as u32;
@@ -926,7 +926,7 @@ impl Helm for Rests {
     }
 }
 
-/// Both ways are cut for 300 ms just when a robot begins to align its motors: it lets go of them, and was never driven.
+/// Both ways are cut for 300 ms just when a robot begins to align its motors: they coast, and it was never driven.
 fn ends_after_an_outage(answer_is_lost: bool) -> Ending {
     let mut world = World::connected();
     let mut pilot = Pilot::new(Rests, Vec::new(), None);

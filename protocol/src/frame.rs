@@ -72,7 +72,7 @@ const HELLO_RESERVED: usize = 6;
 
 /// A random number used once.
 pub type Nonce = [u8; NONCE_LENGTH];
-/// Public number that tells the keys of one robot apart ([`Key::id`](crate::session::Key::id)).
+/// Public number that distinguishes the keys of one robot ([`Key::id`](crate::session::Key::id)).
 pub type KeyId = [u8; KEY_ID_LENGTH];
 /// Public half of an ephemeral key of X25519 (RFC 7748).
 pub type PublicKey = [u8; PUBLIC_KEY_LENGTH];

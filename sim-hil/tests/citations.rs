@@ -37,7 +37,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     files.into_iter().filter(is_read).chain(inner.flat_map(|folder| self::files(folder))).collect()
 }
 
-/// Tells the paper's way to number this kind from other numbers.
+/// Distinguishes the paper's way to number this kind from other numbers.
 fn is_number(kind: &str, text: &str) -> bool {
     let roman = |text: &str| !text.is_empty() && text.chars().all(|c| "IVX".contains(c));
     match kind {

@@ -64,9 +64,9 @@ fn broken(
     (longest, None)
 }
 
-/// Shuts down these bridges of robots without current sense, in every mode and for so long; returns how often that was told.
+/// Shuts down these bridges of robots without current sense, in every mode and for so long; returns how often that was reported.
 fn shut_down(base: Base, bridges: &[HardwareFault]) -> usize {
-    let mut told = 0;
+    let mut reported = 0;
     for (seed, mode) in (1..).zip(MODES.into_iter().chain([(35.0, 0.0), (12.0, -20.0)])) {
         for milliseconds in [20, 50, 100, 200, 1_000] {
             let mut operation = holding(&subject(base, false, seed), base, mode);
@@ -77,18 +77,18 @@ fn shut_down(base: Base, bridges: &[HardwareFault]) -> usize {
             assert!(fault.is_none_or(|it| it == Fault::PhaseLockLost), "{case}");
             // A short one does no harm.
             assert!(milliseconds > 20 || fault.is_none(), "{case}");
-            told += usize::from(fault.is_some());
+            reported += usize::from(fault.is_some());
         }
     }
-    told
+    reported
 }
 
 #[test]
 fn without_current_sense_a_bridge_that_shuts_itself_down_is_told_before_theta_is_off_for_50_ms() {
     for base in BASES {
         for motor in [0, 1] {
-            let told = shut_down(base, &[HardwareFault::BridgeShutDown(motor)]);
-            assert!(told > 16, "{base} {motor}: {told}");
+            let reported = shut_down(base, &[HardwareFault::BridgeShutDown(motor)]);
+            assert!(reported > 16, "{base} {motor}: {reported}");
         }
     }
 }
@@ -96,9 +96,9 @@ fn without_current_sense_a_bridge_that_shuts_itself_down_is_told_before_theta_is
 #[test]
 fn without_current_sense_bridges_that_shut_themselves_down_together_are_told_as_soon() {
     for base in BASES {
-        // Two that are off together turn theta less than one alone: more of the short ones need not be told.
-        let told = shut_down(base, &[0, 1].map(HardwareFault::BridgeShutDown));
-        assert!(told > 12, "{base}: {told}");
+        // Two that are off together turn theta less than one alone: more of the short ones need not be reported.
+        let reported = shut_down(base, &[0, 1].map(HardwareFault::BridgeShutDown));
+        assert!(reported > 12, "{base}: {reported}");
     }
 }
 

@@ -1,6 +1,7 @@
 //! The image on the emulated chip: built here, run by `flix-chip`.
 
 mod defects;
+mod other;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -78,33 +79,17 @@ pub(crate) struct Args {
 impl Args {
     /// Whether the session of another image is run, too.
     fn runs_other(&self) -> bool {
-        let is_wanted = self.part.is_empty() || self.part.iter().any(|part| part == OTHER);
+        let is_wanted = self.part.is_empty() || self.part.iter().any(|part| part == other::PART);
         is_wanted && self.image.is_none() && self.encoder.is_none() && !self.live
     }
-}
-
-/// The part in which the image with the other encoders is run.
-const OTHER: &str = "other";
-
-/// Chooses the other encoders and a battery divider.
-fn other_options() -> Options {
-    Options { encoder: Some("as5047p".into()), battery_divider: true, ..Options::default() }
-}
-
-/// Builds the other image; it lies beside the one that is built next.
-fn other_image() -> Result<PathBuf, Error> {
-    let built = toolchain::build_silently(Chip::Esp32c6, &other_options())?;
-    let kept = built.with_file_name("flix-robot-other");
-    run::write(&kept, run::read(&built)?)?;
-    Ok(kept)
 }
 
 /// Builds the image, unless there is one, and runs it; an error when something does not hold.
 pub(crate) fn run(args: &Args) -> Result<(), Error> {
     if args.defects {
-        return defects::run(args);
+        return defects::run(&program(args)?, &args.named, args.json);
     }
-    let other = if args.runs_other() { Some(other_image()?) } else { None };
+    let other = if args.runs_other() { Some(other::image()?) } else { None };
     let image = match &args.image {
         Some(image) => run::absolute(image)?,
         None => toolchain::build_silently(

@@ -1,4 +1,4 @@
-//! Which compiler builds or checks which chip on this machine.
+//! The compiler that builds or checks each chip on this machine.
 //!
 //! | chip | with rustup / espup | without |
 //! |---|---|---|

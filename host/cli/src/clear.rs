@@ -4,9 +4,9 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use super::address::RobotArgs;
-use super::{Error, Exit};
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{print, waiting};
+use flix_shell::{Error, Exit};
 
 /// Clear a latched stop, and faults whose cause is gone.
 ///

@@ -9,7 +9,6 @@ use serde::Serialize;
 
 use super::address::RobotArgs;
 use super::drive::{give_up, stop};
-use super::{Error, Exit};
 use flix_host::commission::voltage_mode::{self, Latency, bridges, find_latency};
 use flix_host::commission::{CommissionError, Commissioned, Known, Motor, Step, commission};
 use flix_host::link::LinkError;
@@ -17,6 +16,7 @@ use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
 use flix_shell::number::parse_within;
 use flix_shell::output::{headings, print, print_json, table};
+use flix_shell::{Error, Exit};
 
 /// Measure the robot's motors, encoders and current amplifiers, and set what follows.
 ///

@@ -3,8 +3,7 @@
 use std::process::ExitCode;
 
 use flix_shell::completions::{self, Shell};
-
-use super::{Cli, Error, Exit};
+use flix_shell::{Error, Exit};
 
 /// Print the completion script of a shell.
 #[derive(Debug, clap::Args)]
@@ -22,7 +21,7 @@ pub struct Args {
 ///
 /// # Errors
 /// When stdout cannot be written.
-pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    completions::write(args.shell, Cli::description())?;
+pub fn run(args: &Args, program: clap::Command) -> Result<ExitCode, Error> {
+    completions::write(args.shell, program)?;
     Ok(Exit::Done.into())
 }

@@ -8,7 +8,6 @@ use flix_protocol::message::{BuildId, Command, CrashReport, FaultSummary, MotorC
 use serde::Serialize;
 
 use super::address::RobotArgs;
-use super::{Error, Exit};
 use crate::symbols::{Frame, LARGEST_ELF, Symbols};
 use flix_host::link::LinkError;
 use flix_host::link::explain;
@@ -17,6 +16,7 @@ use flix_host::system::file;
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{complain, print, print_json};
+use flix_shell::{Error, Exit};
 
 /// Show what ended the robot's run before its last start: panic, watchdog or brown-out, and the last fault.
 ///

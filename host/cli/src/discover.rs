@@ -3,13 +3,13 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
-use super::{Error, Exit};
 use flix_host::link::LinkError;
 use flix_host::link::discovery::{self, Found};
 use flix_host::link::keys::{Keyring, SIMULATED_ROBOT};
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{headings, print, print_json, table, waiting};
 use flix_shell::time::positive_duration;
+use flix_shell::{Error, Exit};
 
 /// List the robots that announce themselves on the local network (mDNS, `_flix._udp`), and the simulated robot of this
 /// computer.

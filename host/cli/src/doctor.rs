@@ -14,7 +14,6 @@ use flix_protocol::units::Instant;
 
 use super::address::RobotArgs;
 use super::walk::PoseArgs;
-use super::{Error, Exit};
 use flix_host::commission::motor_name;
 use flix_host::link::LinkError;
 use flix_host::link::explain;
@@ -27,6 +26,7 @@ use flix_host::pose::{LATE, PoseError, PoseSample, PoseSource};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{print, print_json, waiting};
+use flix_shell::{Error, Exit};
 
 /// Time for which poses and telemetry are observed.
 const WATCH: Duration = Duration::from_secs(2);

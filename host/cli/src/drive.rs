@@ -13,7 +13,6 @@ use serde::Serialize;
 use super::address::RobotArgs;
 use super::moved::{Motion, Walked};
 use super::walk::{HeightCheck, PoseArgs, record};
-use super::{Error, Exit};
 use flix_host::link::udp::{Connection, FAREWELL_PATIENCE, STOP_PATIENCE};
 use flix_host::link::{LinkError, Update, errors, is_reached};
 use flix_host::pose::PoseSource;
@@ -29,6 +28,7 @@ use flix_shell::output::{
 };
 use flix_shell::stream::StreamArgs;
 use flix_shell::time::positive_duration;
+use flix_shell::{Error, Exit};
 
 /// Interval of the progress bar, and of looks at the poses.
 const SLICE: Duration = Duration::from_millis(10);

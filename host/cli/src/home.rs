@@ -4,12 +4,12 @@ use std::process::ExitCode;
 
 use super::address::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
-use super::{Error, Exit};
 use flix_host::nav::{Navigator, Position, Task};
 use flix_host::pilot::steering::names;
 use flix_host::pilot::{Pilot, Recorded};
 use flix_shell::course::{SteeringArgs, describe, facts, results, row, table_for};
 use flix_shell::output::print;
+use flix_shell::{Error, Exit};
 
 /// Walk to a point and rest there.
 ///

@@ -12,7 +12,6 @@ use super::address::RobotArgs;
 use super::drive;
 use super::experiment::Experimenter;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
-use super::{Error, Exit};
 use flix_host::experiment::grid::{self, Grid};
 use flix_host::experiment::{Sheet, walks};
 use flix_host::nav::{Identification, IdentificationSettings, ModeTable};
@@ -20,6 +19,7 @@ use flix_host::pilot::{Pilot, Recorded};
 use flix_shell::identification::{IdentificationArgs, describe};
 use flix_shell::number::parse_within;
 use flix_shell::output::print;
+use flix_shell::{Error, Exit};
 
 /// Options of a grid.
 #[derive(Debug, clap::Args)]

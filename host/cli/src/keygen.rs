@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::{Error, Exit};
 use flix_host::link::keys::{self, Keyring};
 use flix_shell::output::print;
+use flix_shell::{Error, Exit};
 
 /// Make a new key, in a file that only you can read.
 ///

@@ -113,8 +113,8 @@ impl Cli {
             Command::Scope(args) => scope::run(args),
             Command::Commission(args) => commission::run(args),
             Command::Runs(args) => runs::run(args),
-            Command::Completions(args) => completions::run(args),
-            Command::Man(args) => man::run(args),
+            Command::Completions(args) => completions::run(args, Self::description()),
+            Command::Man(args) => man::run(args, Self::description()),
         }
     }
 

@@ -7,12 +7,12 @@ use std::time::Duration;
 use serde::Serialize;
 
 use super::address::RobotArgs;
-use super::{Error, Exit};
 use flix_host::link::udp::Connection;
 use flix_host::link::{ANSWER_TIME, KEEP_ALIVE, LinkError};
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{milliseconds, print, print_json, progress};
 use flix_shell::time::positive_duration;
+use flix_shell::{Error, Exit};
 
 /// Interval of the progress bar.
 const SLICE: Duration = Duration::from_millis(100);

@@ -4,13 +4,13 @@ use std::process::ExitCode;
 
 pub use flix_shell::man::Args;
 
-use super::{Cli, Error, Exit};
+use flix_shell::{Error, Exit};
 
 /// Writes the pages of `flix`.
 ///
 /// # Errors
 /// When they cannot be written.
-pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    flix_shell::man::write(Cli::description(), &args.folder)?;
+pub fn run(args: &Args, program: clap::Command) -> Result<ExitCode, Error> {
+    flix_shell::man::write(program, &args.folder)?;
     Ok(Exit::Done.into())
 }

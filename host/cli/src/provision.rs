@@ -14,12 +14,12 @@ use flix_protocol::session::{Key, Operator};
 use zeroize::Zeroizing;
 
 use super::address::offered;
-use super::{Error, Exit};
 use flix_host::link::keys::{self, Keyring};
 use flix_host::link::serial::{SerialError, SerialRobot};
 use flix_host::system::file;
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::print;
+use flix_shell::{Error, Exit};
 
 /// Environment variable with the network's password.
 const PASSWORD_VARIABLE: &str = "FLIX_NETWORK_PASSWORD";

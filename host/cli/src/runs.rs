@@ -5,13 +5,13 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 
-use super::{Error, Exit};
 use flix_host::record::{
     Listing, ReadError, Repaired, Run, RunSummary, csv, is_being_written, list, repair,
 };
 use flix_host::system::text::{printable, shown};
 use flix_plot::{Figure, record};
 use flix_shell::output::{complain, headings, print, print_json, table_for_terminal};
+use flix_shell::{Error, Exit};
 
 /// List, show, plot and export the records of runs.
 ///

@@ -13,13 +13,13 @@ use serde_json::{Map, Value};
 
 use super::address::RobotArgs;
 use super::crash;
-use super::{Error, Exit};
 use flix_host::link::explain;
 use flix_host::link::udp::Connection;
 use flix_host::link::{Client, LinkError};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{milliseconds, print, print_json};
+use flix_shell::{Error, Exit};
 
 /// Longest wait for telemetry; its lowest rate is one per second.
 pub const TELEMETRY_PATIENCE: Duration = Duration::from_secs(3);

@@ -3,9 +3,9 @@
 use std::process::ExitCode;
 
 use super::address::RobotArgs;
-use super::{Error, Exit};
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::print;
+use flix_shell::{Error, Exit};
 
 /// Stop the robot, in every state, whoever drives it.
 ///

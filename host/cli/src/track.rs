@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use super::address::RobotArgs;
 use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
-use super::{Error, Exit};
 use flix_host::nav::Task;
 use flix_host::pilot::steering::names;
 use flix_host::pilot::{Pilot, Recorded};
 use flix_shell::course::{CourseArgs, describe, facts, results, row, table_for};
 use flix_shell::output::{print, print_json};
+use flix_shell::{Error, Exit};
 
 /// Longest time for an answer of a controller process: well within the command deadline of 250 ms.
 const ANSWER_PATIENCE: Duration = Duration::from_millis(100);

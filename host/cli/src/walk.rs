@@ -13,7 +13,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::address::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
-use super::{Error, Exit};
 use flix_host::link::LinkError;
 use flix_host::link::udp::Connection;
 use flix_host::pilot::{Ending, Helm, Pilot};
@@ -26,6 +25,7 @@ use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{complain, waiting};
 use flix_shell::stream::StreamArgs;
+use flix_shell::{Error, Exit};
 
 /// Longest wait for datagrams of the robot between two checks for poses.
 const SLICE: Duration = Duration::from_millis(2);

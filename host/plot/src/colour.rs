@@ -63,7 +63,7 @@ impl Colour {
 
     /// Returns the relative luminance, 0 (black) to 1 (white).
     #[must_use]
-    pub fn luminance(self) -> f64 {
+    pub(crate) fn luminance(self) -> f64 {
         // Rec. 709 weights on gamma-encoded values: near enough to choose the ink.
         (0.2126 * f64::from(self.0) + 0.7152 * f64::from(self.1) + 0.0722 * f64::from(self.2))
             / 255.0
@@ -71,7 +71,7 @@ impl Colour {
 
     /// Returns a colour in which text is legible on this colour.
     #[must_use]
-    pub fn ink(self) -> Colour {
+    pub(crate) fn ink(self) -> Colour {
         if self.luminance() > 0.55 { INK } else { WHITE }
     }
 }

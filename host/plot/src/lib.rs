@@ -41,11 +41,9 @@ pub use canvas::{Canvas, Size};
 pub use chart::{Chart, Panel};
 pub use colour::Colour;
 pub use heatmap::{HeatMap, HeatMaps, Palette};
+pub use raster::PNG_DENSITY;
 pub use series::{Point, Series, Stroke};
 pub use track::{Mark, Outline, Track};
-
-/// Pixels of the PNG for each logical pixel of the figure: sharp on dense screens and in print.
-pub const PNG_DENSITY: f64 = 2.0;
 
 /// Why a figure was not made.
 #[derive(Debug, thiserror::Error)]
@@ -97,7 +95,7 @@ pub trait Figure {
     /// # Errors
     /// When the picture is too large.
     fn png(&self) -> Result<Vec<u8>, PlotError> {
-        raster::png(&self.page())
+        raster::png(&self.page()).map_err(PlotError::Rasterise)
     }
 
     /// Writes `name.svg` and `name.png` into `folder`, which is created if it is missing. Replaces links of these
@@ -120,7 +118,7 @@ pub trait Figure {
             file::replace(path, |mut file| file.write_all(bytes)).map_err(failed(path))
         };
         write(&written.svg, svg::document(&page).as_bytes())?;
-        write(&written.png, &raster::png(&page)?)?;
+        write(&written.png, &raster::png(&page).map_err(PlotError::Rasterise)?)?;
         Ok(written)
     }
 }

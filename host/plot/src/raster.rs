@@ -8,8 +8,11 @@ use tiny_skia::{
     Transform,
 };
 
+use super::Colour;
 use super::canvas::{self, Align, Canvas, Pen, Pixel, Shape, Text};
-use super::{Colour, PNG_DENSITY, PlotError};
+
+/// Pixels of the PNG for each logical pixel of the figure: sharp on dense screens and in print.
+pub const PNG_DENSITY: f64 = 2.0;
 
 /// Half of the height of an x, em: half of what SVG's `0.5ex` is in a font of which nothing is known.
 const HALF_X_HEIGHT: f64 = 0.25;
@@ -17,16 +20,16 @@ const HALF_X_HEIGHT: f64 = 0.25;
 /// Returns the page as PNG, with [`PNG_DENSITY`] pixels for each logical pixel.
 ///
 /// # Errors
-/// When it is too large.
-pub(super) fn png(canvas: &Canvas) -> Result<Vec<u8>, PlotError> {
+/// When it is too large; says so.
+pub(super) fn png(canvas: &Canvas) -> Result<Vec<u8>, String> {
     let pixels = |logical: f64| (logical * PNG_DENSITY).ceil().max(1.0) as u32;
     let (width, height) = (pixels(canvas.size.width), pixels(canvas.size.height));
-    let too_large = || PlotError::Rasterise(format!("{width} x {height} pixels are too many"));
+    let too_large = || format!("{width} x {height} pixels are too many");
     let mut map = Pixmap::new(width, height).ok_or_else(too_large)?;
     for shape in &canvas.shapes {
         draw(&mut map, shape);
     }
-    map.encode_png().map_err(|error| PlotError::Rasterise(error.to_string()))
+    map.encode_png().map_err(|error| error.to_string())
 }
 
 /// Draws one shape; one without an extent draws nothing.

@@ -148,7 +148,7 @@ pub fn progress(duration: Duration) -> ProgressBar {
 /// A wait that lasts longer is explained.
 const UNEXPLAINED: Duration = Duration::from_secs(1);
 
-/// Waits; what takes longer than a second says on stderr what it waits for.
+/// Waits, and prints on stderr what for where it takes longer than a second.
 pub fn waiting<T>(for_what: impl fmt::Display, wait: impl FnOnce() -> T) -> T {
     let for_what = for_what.to_string();
     std::thread::scope(|scope| {

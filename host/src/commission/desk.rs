@@ -8,8 +8,9 @@ use flix_protocol::message::{
     ScopePlan, ScopeState, Setpoint, State, Trigger,
 };
 
+use super::finding::{Finding, motor_name};
 use super::running::{self, Change, Steady};
-use super::{CURRENT_LIMIT, CommissionError, Finding, Step, Subject, motor_name};
+use super::subject::{CURRENT_LIMIT, CommissionError, Step, Subject};
 use crate::scope::Capture;
 
 /// How far the divider may be off a voltmeter.

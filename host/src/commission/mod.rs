@@ -21,6 +21,7 @@ mod least_squares;
 mod live;
 pub mod phases;
 pub mod running;
+mod subject;
 pub mod swing;
 mod trials;
 pub mod turned;
@@ -29,148 +30,18 @@ pub mod voltage_mode;
 pub mod wiring;
 
 use std::f64::consts::TAU;
-use std::time::Duration;
 
-use flix_protocol::message::{Command, Fault, Faults, Outcome, Refusal, Setpoint, Telemetry};
+use flix_protocol::message::{Fault, Faults, Setpoint};
 
 use self::desk::Desk;
 pub use self::finding::{Finding, Phase, motor_name};
-use self::phases::{Circuit, Phases};
+use self::phases::{Circuit, Phases, is_winding};
 use self::running::BackEmf;
+use self::subject::CURRENT_LIMIT;
+pub use self::subject::{CommissionError, Step, Subject};
 use self::trials::First;
 use self::turning::Rotor;
 use self::wiring::Stood;
-
-/// A robot over its link, and the time that passes.
-pub trait Subject {
-    /// Why it did not do as asked.
-    type Error;
-
-    /// Asks, and waits for the answer; a refusal is an error. While the robot refuses for a reason that passes, it is
-    /// asked again.
-    ///
-    /// # Errors
-    /// When it refuses, or there is no answer.
-    fn ask(&mut self, command: Command) -> Result<Outcome, Self::Error>;
-
-    /// Lets this time pass.
-    ///
-    /// # Errors
-    /// When the session ends or the operator interrupts.
-    fn pause(&mut self, duration: Duration) -> Result<(), Self::Error>;
-
-    /// Returns the newest telemetry.
-    fn telemetry(&mut self) -> Option<Telemetry>;
-
-    /// Arms, and waits until the motors are aligned.
-    ///
-    /// # Errors
-    /// When the robot refuses or has a fault.
-    fn arm(&mut self) -> Result<(), Self::Error>;
-
-    /// Brings the rotors to rest and waits until they are.
-    ///
-    /// # Errors
-    /// When they do not come to rest.
-    fn disarm(&mut self) -> Result<(), Self::Error>;
-
-    /// Commands the robot to shake so until something else is commanded.
-    fn hold(&mut self, setpoint: Setpoint);
-
-    /// Returns the refusal that this error tells of.
-    fn refusal(error: &Self::Error) -> Option<&Refusal>;
-}
-
-/// Commissioning came to no end.
-#[derive(Debug, thiserror::Error)]
-pub enum CommissionError<E> {
-    /// The robot did not do as asked.
-    #[error(transparent)]
-    Robot(#[from] E),
-    /// A step ended in a fault.
-    #[error("{step} ended in a fault: {faults}")]
-    Faulted {
-        /// Of which step.
-        step: Step,
-        /// All that are latched.
-        faults: Faults,
-    },
-    /// The robot did not do what a step takes.
-    #[error("{0} came to no end")]
-    Endless(Step),
-    /// Commands stayed away in the middle of a step, again and again.
-    #[error("{0} broke off, because commands came too late: see `flix link-test`")]
-    Silent(Step),
-    /// The robot may be given less current than this takes.
-    #[error(
-        "current_limit is {limit:.3} A, and commissioning takes up to {CURRENT_LIMIT} A: raise it with `flix parameters set`, or \
-         enter the values of the motors by hand"
-    )]
-    Limited {
-        /// Setting, A.
-        limit: f64,
-    },
-    /// Currents would rest on a value that nobody entered.
-    #[error("{name} is assumed: measure it, and enter it with `flix parameters set`")]
-    Assumed {
-        /// Of the setting.
-        name: String,
-    },
-    /// The answer was of another kind.
-    #[error("the robot answered something else than was asked; is its firmware of this version?")]
-    OtherAnswer,
-    /// Something is wired wrongly, or a motor does not behave like one.
-    #[error(transparent)]
-    Found(Finding),
-}
-
-/// Parts of commissioning, for progress and errors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Step {
-    /// [`wiring`].
-    Wiring,
-    /// [`phases`].
-    Phases,
-    /// [`turning`], of the top or the bottom motor.
-    Turning(usize),
-    /// Alignment.
-    Aligning,
-    /// [`running`], slow.
-    Slow,
-    /// [`running`], fast.
-    Fast,
-    /// [`running`], changing speed.
-    Ramps,
-}
-
-impl Step {
-    /// All, in order.
-    pub const ALL: [Self; 8] = [
-        Self::Wiring,
-        Self::Phases,
-        Self::Turning(0),
-        Self::Turning(1),
-        Self::Aligning,
-        Self::Slow,
-        Self::Fast,
-        Self::Ramps,
-    ];
-}
-
-impl std::fmt::Display for Step {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(match self {
-            Self::Wiring => "looking at the wiring",
-            Self::Phases => "measuring the phases",
-            Self::Turning(0) => "turning the top motor",
-            Self::Turning(_) => "turning the bottom motor",
-            Self::Aligning => "aligning",
-            Self::Slow => "running slowly",
-            Self::Fast => "running fast",
-            Self::Ramps => "changing speed",
-        })
-    }
-}
 
 /// What somebody knows of the robot who measured it by hand.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -248,8 +119,6 @@ const ALIGNMENT_TORQUE: f64 = 25e-3;
 const ALIGNMENT_CURRENTS: (f64, f64) = (0.3, 1.2);
 /// Most current that a rotor swings by, A.
 const SWING_CURRENT: f64 = 0.9;
-/// Current limit while the amplifiers' scale is hardly known, A: a margin of 30 % below 2 A for what currents overshoot.
-const CURRENT_LIMIT: f64 = 1.4;
 /// Current that rotors which are still turning may drive through shorted windings, A.
 const BRAKING_CURRENT: f64 = 1.0;
 /// Gentlest and steepest ramps, Hz/s.
@@ -514,13 +383,6 @@ fn braked_from(resistances: &[f64; 2], flux: &[f64; 2], pairs: f64) -> f64 {
 /// Returns the bandwidth of the position loops, Hz, that bears encoders of this latency.
 fn position_bandwidth(latency: f64) -> f64 {
     (LOOP_ADVANCE / (TAU * (latency + LOOP_AGE))).min(QUICK[1])
-}
-
-/// Most that the current of a winding differs from its circuit's, as a share.
-const LARGEST_MISFIT: f64 = 0.05;
-
-fn is_winding(found: &Phases) -> bool {
-    found.misfit < LARGEST_MISFIT && (0.5..2.0).contains(&found.balance)
 }
 
 fn check_winding<E>(motor: usize, found: Option<Phases>) -> Result<Phases, CommissionError<E>> {

@@ -99,7 +99,7 @@ impl Phases {
     /// Returns what it is where the resistances of phases A, B and C are these, over their mean: the field along A met A and what
     /// B and C make together, and drew unlike currents out of those.
     #[must_use]
-    pub fn of_uneven(self, uneven: [f64; 3]) -> Self {
+    pub(crate) fn of_uneven(self, uneven: [f64; 3]) -> Self {
         let [a, b, c] = uneven;
         let along = (a + b * c / (b + c)) / 1.5;
         let resistance = self.circuit.resistance / along;
@@ -219,4 +219,12 @@ pub fn measure(standing: &Standing, bridges: &Bridges, scale: f64) -> Option<Pha
     let misfit = (left / ticks as f64).sqrt() / whole;
     let uneven = [1.0; 3];
     Some(Phases { circuit, inverted: sign < 0.0, balance, uneven, misfit, current: whole })
+}
+
+/// Most that the current of a winding differs from its circuit's, as a share.
+const LARGEST_MISFIT: f64 = 0.05;
+
+/// Returns whether this is a winding: its current fits one circuit, and its phases are alike.
+pub(super) fn is_winding(found: &Phases) -> bool {
+    found.misfit < LARGEST_MISFIT && (0.5..2.0).contains(&found.balance)
 }

@@ -6,11 +6,13 @@ use flix_protocol::message::{
 };
 
 use super::desk::{Columns, Desk, Done, LOOK, LOOKS};
+use super::finding::Finding;
+use super::phases;
 use super::phases::{Circuit, Phases, Standing};
+use super::subject::{CommissionError, Step, Subject};
 use super::swing::Swing;
 use super::turning::{self, Rotor, Turning};
 use super::wiring::{ANGLES, Resting, Stood};
-use super::{CommissionError, Finding, Step, Subject, phases};
 
 /// Current that shows how a motor is wired, mA: where an amplifier is dead, twice as much may flow.
 const WIRING_CURRENT_MA: u16 = 300;
@@ -59,7 +61,7 @@ pub(super) struct First {
 }
 
 impl<S: Subject> Desk<'_, S> {
-    /// Does a trial and captures its pattern; again where commands stayed away meanwhile, so that the robot let go.
+    /// Does a trial and captures its pattern; again where commands stayed away meanwhile, so that the motors coasted.
     fn try_out(
         &mut self,
         step: Step,
@@ -70,7 +72,7 @@ impl<S: Subject> Desk<'_, S> {
         for _ in 0..MOST_TRIALS {
             let before = self.halts();
             match self.try_once(step, trial, channels, rows, before) {
-                // Also one that let go before its pattern began, which is never captured.
+                // Also one that coasted before its pattern began, which is never captured.
                 Err(CommissionError::Silent(_)) => {}
                 Ok(_) if self.halts() != before => {}
                 ended => return ended,
@@ -93,7 +95,7 @@ impl<S: Subject> Desk<'_, S> {
             // What ends a trial at once is heard of before its answer.
             self.check(step)?;
             if S::refusal(error) == Some(&Refusal::Rested) {
-                // Of which it tells with its next telemetry.
+                // Which it states with its next telemetry.
                 self.subject.pause(LOOK)?;
                 return Err(CommissionError::Silent(step));
             }
@@ -281,7 +283,7 @@ impl<S: Subject> Desk<'_, S> {
     fn scale_at(&mut self, motor: usize, current_ma: u16, inertia: f64) -> Done<First, S> {
         let driven = [motor == 0, motor == 1];
         let (standing, bridges) = self.stand(Step::Wiring, driven, current_ma)?;
-        let found = phases::measure(&standing[motor], &bridges, 1.0).filter(super::is_winding);
+        let found = phases::measure(&standing[motor], &bridges, 1.0).filter(phases::is_winding);
         let shown = First { shows: true, ..First::default() };
         let Some(phases) = found else { return Ok(shown) };
         let still = First { circuit: Some(phases.circuit), ..shown };

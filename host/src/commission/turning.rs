@@ -145,7 +145,7 @@ fn field(trial: &Trial, rows: usize) -> Vec<f64> {
 
 /// Returns whether magnets turn with the field, whatever the encoder sees: they leave a flux along it that no current makes.
 #[must_use]
-pub fn is_drawn_along(turning: &Turning, circuit: &Circuit) -> bool {
+pub(crate) fn is_drawn_along(turning: &Turning, circuit: &Circuit) -> bool {
     let field = field(&turning.trial, turning.voltage.len());
     let electrical: Vec<f64> = field.iter().map(|turns| TAU * turns).collect();
     let found = flux(turning, circuit, &field, &electrical);

@@ -17,7 +17,7 @@ use super::phases::Circuit;
 use super::turning::unwrapped;
 
 /// Electrical angles of a field along phases A, B and C, 2^-16 turn.
-pub const ANGLES: [u16; 3] = [0, 0x5555, 0xaaab];
+pub(crate) const ANGLES: [u16; 3] = [0, 0x5555, 0xaaab];
 /// Less than this share of the largest is nothing.
 const NOTHING: f64 = 0.15;
 /// Of a phase C that is open A and B show less than this share: ten times the resistance of the others leaves a tenth.

@@ -38,7 +38,7 @@ impl Grid {
         round
     }
 
-    /// Returns the walked pairs as modes, in which a robot can walk back; none with fewer than [`ENOUGH_MODES`].
+    /// Returns the walked pairs as modes, in which a robot can walk back; none with fewer than 4.
     #[must_use]
     pub fn modes(&self, rows: &[Vec<f64>]) -> Option<ModeTable> {
         let mode = |pair: &Setpoint| {

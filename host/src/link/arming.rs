@@ -5,7 +5,7 @@ use flix_protocol::units::Instant;
 
 use super::{Client, LinkError, TELEMETRY_LAG, TRY_AGAIN, Update, passes};
 
-/// How often a robot is armed again that let go of its motors because commands stayed away while it aligned them.
+/// How often a robot is armed again whose motors coast because commands stayed away while it aligned them.
 const MOST_ARMINGS: u32 = 3;
 
 /// A robot that is being armed, without a clock and a socket. With the first request rest is
@@ -14,7 +14,7 @@ const MOST_ARMINGS: u32 = 3;
 pub struct Arming {
     phase: Phase,
     deadline: Instant,
-    /// What the robot had told of its halts when it was asked last.
+    /// How many halts the robot had stated when it was asked last.
     halts: u8,
     /// How often it was armed again.
     again: u32,
@@ -67,7 +67,7 @@ impl Arming {
             (Update::Telemetry(telemetry), Phase::Aligning(since)) => {
                 return self.hear(now, telemetry, since);
             }
-            // The robot answers sooner than it tells of its halt.
+            // The robot answers sooner than it states its halt.
             (Update::Telemetry(telemetry), Phase::Waiting(_))
                 if self.refusal == Some(Refusal::Rested) && telemetry.halts != self.halts =>
             {

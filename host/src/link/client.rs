@@ -260,7 +260,7 @@ impl Client {
         self.insist(now, command, Duration::ZERO)
     }
 
-    /// The same, and asks again every [`TRY_AGAIN`] while the robot refuses for a state that [passes](super::passes), for
+    /// Does the same, and asks again every [`TRY_AGAIN`] while the robot refuses for a state that [passes](super::passes), for
     /// at most `patience`. A stop of which the robot has not said yet by whom it is passes, too. What was asked for before the
     /// robot [halted](Client::halts) is given up.
     pub fn insist(&mut self, now: Instant, command: Command, patience: Duration) -> u32 {

@@ -21,7 +21,7 @@ pub const FIND_PATIENCE: Duration = Duration::from_millis(2500);
 /// Longest wait for the answer of a simulated robot on this computer.
 const GREETING_PATIENCE: Duration = Duration::from_millis(300);
 /// Time after the first proof in which others may prove the same.
-pub const PROVERS: Duration = Duration::from_millis(300);
+pub(crate) const PROVERS: Duration = Duration::from_millis(300);
 /// How often it is found out then who answers first.
 const RACES: usize = 5;
 /// Interval of the looks for who that is.
@@ -75,7 +75,7 @@ pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, D
 }
 
 /// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and returns the address that proves to have one of these
-/// keys; of several that do within [`PROVERS`], the one that answers soonest: somebody in between is never the quicker way.
+/// keys; of several that do within 0.3 s, the one that answers soonest: somebody in between is never the quicker way.
 /// Whoever is in the network can answer for it, and faster; when nobody proves it, the first that answered is returned, whose
 /// handshake says what is wrong.
 ///
@@ -315,6 +315,7 @@ fn found(service: &ResolvedService) -> Found {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::system::AtEnd;
     use flix_protocol::session::{RobotReceived, RobotSession};
     use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -342,13 +343,6 @@ mod tests {
 
     /// Calls with the addresses of robots that have these keys and answer so late.
     fn beside<const N: usize>(robots: [(u8, u64); N], act: impl FnOnce([SocketAddr; N])) {
-        /// Ends the robots, also when a test fails.
-        struct AtEnd<'a>(&'a AtomicBool);
-        impl Drop for AtEnd<'_> {
-            fn drop(&mut self) {
-                self.0.store(true, Ordering::Relaxed);
-            }
-        }
         let sockets = robots.map(|_| UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap());
         let done = AtomicBool::new(false);
         std::thread::scope(|scope| {
@@ -356,6 +350,7 @@ mod tests {
                 let done = &done;
                 scope.spawn(move || robot(socket, number, Duration::from_millis(late), done));
             }
+            // Ends the robots, also when a test fails.
             let _end = AtEnd(&done);
             act(std::array::from_fn(|it| sockets[it].local_addr().unwrap()));
         });

@@ -436,16 +436,16 @@ mod tests {
         let (_directory, keyring) = keyring();
         let held = keyring.lock(LOCK_PATIENCE).unwrap();
         keyring.lock(Duration::ZERO).unwrap();
-        let (tell, told) = std::sync::mpsc::channel();
+        let (report, reported) = std::sync::mpsc::channel();
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 keyring.lock(Duration::MAX).unwrap();
-                tell.send(()).unwrap();
+                report.send(()).unwrap();
             });
-            assert!(told.recv_timeout(4 * LOCK_RETRY).is_err(), "locked twice");
+            assert!(reported.recv_timeout(4 * LOCK_RETRY).is_err(), "locked twice");
             drop(held);
         });
-        told.recv().unwrap();
+        reported.recv().unwrap();
     }
 
     #[test]

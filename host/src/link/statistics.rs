@@ -104,7 +104,7 @@ impl Statistics {
 
     /// Returns the shortest of the stored round trips: what is left of it without waiting anywhere.
     #[must_use]
-    pub fn shortest_round_trip(&self) -> Option<Duration> {
+    pub(crate) fn shortest_round_trip(&self) -> Option<Duration> {
         self.round_trips.iter().min().copied()
     }
 

@@ -22,9 +22,9 @@ pub const FAREWELL_PATIENCE: Duration = Duration::from_millis(500);
 /// Time for which a program that is interrupted repeats stop.
 pub const STOP_PATIENCE: Duration = Duration::from_secs(2);
 /// Twice the longest time in which a robot ramps down.
-pub const DISARM_PATIENCE: Duration = Duration::from_secs(2);
+pub(crate) const DISARM_PATIENCE: Duration = Duration::from_secs(2);
 /// Time for which clearing is repeated: faults brake for half a second before they can be cleared.
-pub const CLEAR_PATIENCE: Duration = Duration::from_secs(3);
+pub(crate) const CLEAR_PATIENCE: Duration = Duration::from_secs(3);
 /// Longest wait for a datagram between two checks for interruption.
 const LONGEST_WAIT: Duration = Duration::from_millis(20);
 /// Datagrams of one socket that are read at once while others have to be read, too.
@@ -172,7 +172,7 @@ impl Connection {
 
     /// Returns why there is no session.
     #[must_use]
-    pub fn no_session(&self, error: ConnectError) -> LinkError {
+    pub(crate) fn no_session(&self, error: ConnectError) -> LinkError {
         no_session(self.socket.peer_addr().ok(), error)
     }
 

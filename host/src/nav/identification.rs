@@ -40,7 +40,7 @@ const FAR: f64 = 0.4;
 /// Distance from the start at which it has come back, m.
 const BACK: f64 = 0.1;
 /// Modes with which a robot can walk to a point: by then the turns are among them.
-pub const ENOUGH_MODES: usize = 4;
+pub(crate) const ENOUGH_MODES: usize = 4;
 /// Longest time of walking back; then the identification goes on from where the robot is.
 const RETURN_PATIENCE: Duration = Duration::from_secs(60);
 

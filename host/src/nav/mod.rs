@@ -5,9 +5,9 @@
 //! - A **path** is followed by arc length ([`Path`]); the **path error** is the distance to its
 //!   nearest point on the branch the robot is on.
 //! - The **predictive** controller chooses among all modes by their predicted future
-//!   ([`predictive`]); the **two-state** controller is the paper's ([`two_state`]).
+//!   (`predictive`); the **two-state** controller is the paper's (`two_state`).
 //! - The **learned** controller searches as the predictive one does, but has no table: it begins with the
-//!   [`Experience`] of many robots, keeps a [`Belief`] about the one at hand, and judges by its [`Pace`] and its [`Outlook`].
+//!   [`Experience`] of many robots, keeps a belief about the one at hand, and judges by its pace and its outlook.
 //! - A **decision** is what to command now ([`Navigator::decide`]).
 //! - **Identification** measures the motion of each mode ([`Identification`]).
 //!
@@ -25,29 +25,27 @@ mod navigator;
 mod outlook;
 mod pace;
 mod path;
-pub mod predictive;
+mod predictive;
 mod safety;
 mod standstill;
-pub mod two_state;
+mod two_state;
 mod weights;
 
 pub use crate::pose::geometry::{Area, NotAPosition, NotAnArea, PlanarPose, Position, Twist, wrap};
-pub use belief::Belief;
-pub use estimator::{Estimator, mean_twist};
+pub use estimator::mean_twist;
 pub use experience::{Experience, ExperienceError, Factor, Walks};
-pub use footing::Footing;
-pub use identification::{ENOUGH_MODES, Identification, IdentificationSettings, Stretch};
+pub(crate) use footing::Footing;
+pub(crate) use identification::ENOUGH_MODES;
+pub use identification::{Identification, IdentificationSettings, Stretch};
 pub use modes::{Mode, ModeTable, ModeTableError, PAPER_PAIRS, Spread};
-pub use motion::{Gait, Motion, REST, Response, motions};
+pub use motion::Response;
 pub use navigator::{
     Approach, ControllerKind, Decision, JOINED_WITHIN, Navigator, NavigatorError, Progress,
     Repertoire, Resting, Settings, Task, UnknownController,
 };
-pub use outlook::Outlook;
-pub use pace::Pace;
-pub use path::{Path, PathError, Projection, SPACING};
+pub use path::{Path, PathError, Projection};
 pub use safety::Stop;
-pub use weights::Weights;
+pub use two_state::MissingTurn;
 
 #[cfg(test)]
 mod tests;

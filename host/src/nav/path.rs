@@ -233,7 +233,7 @@ impl Path {
 
     /// Returns the projection of a position onto the start of the path.
     #[must_use]
-    pub fn beside_start(&self, position: Position) -> Projection {
+    pub(crate) fn beside_start(&self, position: Position) -> Projection {
         self.beside(position, 0)
     }
 

@@ -17,7 +17,7 @@ const TURNED: f64 = 0.052;
 
 /// Watch over the poses of one run.
 #[derive(Debug, Clone, Default)]
-pub struct Standstill {
+pub(crate) struct Standstill {
     anchor: Option<PlanarPose>,
     walked: Duration,
     at: Option<Instant>,
@@ -26,7 +26,7 @@ pub struct Standstill {
 impl Standstill {
     /// Takes the newest pose, and whether the robot is commanded to walk. Returns for how long it was
     /// commanded to walk since it last moved.
-    pub fn watch(&mut self, now: Instant, walks: bool, pose: &PlanarPose) -> Duration {
+    pub(crate) fn watch(&mut self, now: Instant, walks: bool, pose: &PlanarPose) -> Duration {
         let passed = self.at.replace(now).map_or(Duration::ZERO, |before| now.since(before));
         let has_moved = self.anchor.is_none_or(|anchor| {
             anchor.distance_to(pose.position()) >= MOVED

@@ -10,6 +10,7 @@ use flix_protocol::units::Instant;
 
 use super::experience::tests::quicker_and_slower;
 use super::modes::tests::model_w;
+use super::motion::{Gait, Motion, REST, motions};
 use super::*;
 use crate::pose::{Pose, PoseSample, Quaternion};
 

@@ -23,7 +23,7 @@ use crate::pose::{LATE, PoseSample};
 use crate::record::{Level, RecordError, Recorder};
 
 /// Longest time for coming to rest and disarming at the end.
-pub const END_PATIENCE: Duration = Duration::from_secs(3);
+pub(crate) const END_PATIENCE: Duration = Duration::from_secs(3);
 /// Interval of the navigation rows in the record.
 const RECORD_PERIOD: Duration = Duration::from_millis(50);
 /// Shaking frequency below which a robot is at rest, Hz.
@@ -349,7 +349,7 @@ impl<H: Helm> Pilot<H> {
                     self.fail(now, client, Ending::Robot(error));
                 }
             }
-            // Whether it holds rest or has let go of its motors.
+            // Whether it holds rest or its motors coast.
             (Phase::Resting, Update::Telemetry(_)) => {
                 let error = LinkError::while_driven(update);
                 if let Some(error) = error.filter(|error| *error != LinkError::Lapsed) {

@@ -6,7 +6,7 @@
 //! apart: a stream that stays late by 2 s is believed again after an hour.
 //!
 //! A stream that goes on with older pictures comes from a tracker whose clock was set back, or over another network that is
-//! slower. Up to [`HELD`] it counts as late, for nobody can tell.
+//! slower. Up to [`HELD`] it counts as late, for nothing shows which it is.
 
 use std::time::Duration;
 

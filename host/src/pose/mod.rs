@@ -260,7 +260,7 @@ impl Pose {
 
     /// Returns whether every number is finite, the place within 1000 m, and the quaternion a rotation.
     #[must_use]
-    pub fn is_sound(&self) -> bool {
+    pub(crate) fn is_sound(&self) -> bool {
         let norm: f64 = self.orientation.components().iter().map(|q| q * q).sum();
         // Motive sends single precision; a body it does not see has the zero quaternion.
         let is_near = self.position.coordinates().iter().all(|it| it.abs() <= FARTHEST);

@@ -6,7 +6,7 @@
 //! waited in a queue comes at once. Times that came before come from an echo or from a tracker that stands still, and count for
 //! nothing.
 //!
-//! Frames that state no time are ordered by their numbers. Then nobody can tell an echo from a recording that is played again:
+//! Frames that state no time are ordered by their numbers. Then nothing distinguishes an echo from a recording that is played again:
 //! both go on after [`ANEW_TIME`], and a recording that is shorter does not. With times, a recording that repeats its old ones
 //! goes on if it has more than [`REMEMBERED`] pictures.
 

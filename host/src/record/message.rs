@@ -223,7 +223,7 @@ impl Timestamp {
 
     /// Returns the seconds since `start`.
     #[must_use]
-    pub fn seconds_since(&self, start: &Self) -> f64 {
+    pub(crate) fn seconds_since(&self, start: &Self) -> f64 {
         f64::from(self.sec) - f64::from(start.sec)
             + (f64::from(self.nsec) - f64::from(start.nsec)) * 1e-9
     }

@@ -70,7 +70,7 @@ pub fn replace<T, E: From<io::Error>>(
 /// # Errors
 /// When there is anything of this name already, a link to nothing included, or it cannot be written.
 #[cfg(not(target_family = "wasm"))]
-pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
+pub(crate) fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let is_new = || match fs::symlink_metadata(path) {
         Ok(_) => Err(io::ErrorKind::AlreadyExists.into()),
         Err(_) => Ok(()),

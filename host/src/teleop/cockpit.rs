@@ -19,9 +19,9 @@ use crate::nav::Footing;
 use crate::pose::{LATE, PoseSample};
 
 /// Interval between two points of the histories.
-pub const HISTORY_INTERVAL: Duration = Duration::from_millis(200);
+pub(crate) const HISTORY_INTERVAL: Duration = Duration::from_millis(200);
 /// Points in a history: more than a terminal is wide.
-pub const HISTORY_LENGTH: usize = 400;
+pub(crate) const HISTORY_LENGTH: usize = 400;
 /// Lines in the log.
 const LOG_LENGTH: usize = 200;
 /// Factor by which the rotors are shown slower than they turn: 30 Hz as one turn per second.
@@ -99,7 +99,7 @@ pub struct Cockpit {
     /// Newest telemetry.
     pub telemetry: Option<Telemetry>,
     /// The pair that the operator commands.
-    pub wanted: Setpoint,
+    pub setpoint: Setpoint,
     /// Whether a stop was sent and is not acknowledged yet.
     pub is_stopping: bool,
     /// End of the current's gauge, A.
@@ -162,7 +162,7 @@ impl Cockpit {
             round_trip: None,
             loss: 0.0,
             telemetry: None,
-            wanted: Setpoint::REST,
+            setpoint: Setpoint::REST,
             is_stopping: false,
             current_limit: ASSUMED_CURRENT_LIMIT,
             history: VecDeque::new(),
@@ -230,7 +230,7 @@ impl Cockpit {
     }
 
     fn is_walking(&self) -> bool {
-        self.wanted.frequency() != Hertz::ZERO
+        self.setpoint.frequency() != Hertz::ZERO
     }
 
     /// Begins a session: requests the identity of the robot.
@@ -293,7 +293,7 @@ impl Cockpit {
                 self.note(now, Weight::Warning, text);
             }
             Action::Frequency(_) | Action::Direction(_) => {
-                if let Some(setpoint) = action.step(self.wanted) {
+                if let Some(setpoint) = action.step(self.setpoint) {
                     self.want(setpoint, client, now);
                 }
             }
@@ -303,11 +303,11 @@ impl Cockpit {
     /// Changes a walk by a [step](Action::step) of a key that is held, which is no new wish: rotors that came to rest because
     /// commands stayed away stay at rest, and at rest no step does anything.
     pub fn step(&mut self, step: Action, client: &mut Client, now: Instant) {
-        if let Some(setpoint) = step.step(self.wanted)
+        if let Some(setpoint) = step.step(self.setpoint)
             && self.is_walking()
             && client.held().is_some()
         {
-            self.wanted = setpoint;
+            self.setpoint = setpoint;
             client.hold(now, setpoint);
         }
     }
@@ -403,9 +403,9 @@ impl Cockpit {
     /// Commands what keeps the heading that is held; says when poses stay away.
     fn steer(&mut self, client: &mut Client, now: Instant) {
         let Some(floor) = &mut self.floor else { return };
-        let steered = floor.steer(now, self.wanted);
+        let steered = floor.steer(now, self.setpoint);
         let is_unseen = floor.is_unseen(now);
-        if self.wanted != Setpoint::REST && !self.is_stopping {
+        if self.setpoint != Setpoint::REST && !self.is_stopping {
             client.hold(now, steered);
         }
         if std::mem::replace(&mut self.is_unseen, is_unseen) != is_unseen {
@@ -603,7 +603,7 @@ impl Cockpit {
         let state = self.telemetry.as_ref().map(|telemetry| telemetry.state);
         let can_obey = matches!(state, Some(State::Armed | State::Running));
         if can_obey && !self.is_stopping {
-            self.wanted = setpoint;
+            self.setpoint = setpoint;
             client.want(now, setpoint);
         } else {
             self.note(now, Weight::Warning, "not armed: press Enter first");
@@ -612,7 +612,7 @@ impl Cockpit {
     }
 
     fn rest(&mut self) {
-        self.wanted = Setpoint::REST;
+        self.setpoint = Setpoint::REST;
         if let Some(floor) = &mut self.floor {
             floor.begin(false);
         }

@@ -76,13 +76,13 @@ impl Floor {
     }
 
     /// Holds the present heading, or ends holding it.
-    pub fn hold(&mut self, wanted: bool) {
-        self.hold = wanted.then_some(Hold { heading: self.pose.heading, is_turning: false });
+    pub fn hold(&mut self, is_held: bool) {
+        self.hold = is_held.then_some(Hold { heading: self.pose.heading, is_turning: false });
     }
 
     /// Returns whether no pose has been trusted for half a second.
     #[must_use]
-    pub fn is_unseen(&self, now: Instant) -> bool {
+    pub(crate) fn is_unseen(&self, now: Instant) -> bool {
         now.since(self.time) >= UNSEEN_AFTER
     }
 
@@ -101,19 +101,19 @@ impl Floor {
         })
     }
 
-    /// Returns what to command so that the robot walks as `wanted` and keeps its heading: the pair itself, or a turn
+    /// Returns what to command so that the robot walks as `setpoint` and keeps its heading: the pair itself, or a turn
     /// back to the heading. With old poses, and at rest, it is the pair.
-    pub fn steer(&mut self, now: Instant, wanted: Setpoint) -> Setpoint {
-        let is_walking = wanted.frequency() != Hertz::ZERO;
-        let Some(hold) = self.hold.as_mut().filter(|_| is_walking) else { return wanted };
+    pub fn steer(&mut self, now: Instant, setpoint: Setpoint) -> Setpoint {
+        let is_walking = setpoint.frequency() != Hertz::ZERO;
+        let Some(hold) = self.hold.as_mut().filter(|_| is_walking) else { return setpoint };
         if now.since(self.time) > POSE_DEADLINE {
             hold.is_turning = false;
-            return wanted;
+            return setpoint;
         }
         let error = wrap(hold.heading - self.pose.heading);
         hold.is_turning = error.abs() > if hold.is_turning { WALKS_AT } else { TURNS_AT };
         match hold.is_turning {
-            false => wanted,
+            false => setpoint,
             true if error > 0.0 => Mode::LeftTurn.setpoint(),
             true => Mode::RightTurn.setpoint(),
         }

@@ -124,7 +124,7 @@ impl Viewer {
         let step = self.step.take_if(|step| step.request() == Some(request))?;
         Some(match (step, outcome) {
             (Step::Asked { is_new, .. }, Outcome::Scope(status)) => {
-                self.told(status, is_new, client, now)
+                self.take_status(status, is_new, client, now)
             }
             (Step::Reading { mut capture, is_new, .. }, Outcome::ScopeRows(rows)) => {
                 if capture.take(rows) {
@@ -137,7 +137,7 @@ impl Viewer {
         })
     }
 
-    fn told(
+    fn take_status(
         &mut self,
         status: &ScopeStatus,
         is_new: bool,

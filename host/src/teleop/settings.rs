@@ -57,7 +57,7 @@ impl Settings {
     }
 
     /// Begins anew after a connection was lost: its answers do not come any more.
-    pub fn reconnected(&mut self, client: &mut Client, now: Instant) {
+    pub(crate) fn reconnected(&mut self, client: &mut Client, now: Instant) {
         let was_asked_for = self.reading.is_some() || !self.entries.is_empty();
         self.arriving.clear();
         self.changing.clear();

@@ -194,7 +194,7 @@ pub struct ScopePlan {
 }
 
 impl ScopePlan {
-    /// Returns what a robot watches that nobody told otherwise: the last 200 ms before a fault, and 40 ms after it.
+    /// Returns what a robot watches by default: the last 200 ms before a fault, and 40 ms after it.
     #[must_use]
     pub fn watch() -> Self {
         let channels = [

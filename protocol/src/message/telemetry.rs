@@ -115,7 +115,7 @@ pub struct Telemetry {
     pub stopped: bool,
     /// Whether commands are late: the first step of the failsafe ladder.
     pub link_late: bool,
-    /// Whether voltage or current hold f below what is asked for. An event tells of it, too, which may be lost.
+    /// Whether voltage or current hold f below what is asked for. An event reports it, too, which may be lost.
     pub frequency_limited: bool,
     /// How often in this session the robot halted although its operator had not asked for it, wrapping: because commands stayed
     /// away, also while it aligned its motors or tried one, for a fault, or because somebody else stopped it.

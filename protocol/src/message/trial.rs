@@ -106,7 +106,7 @@ impl Trial {
     }
 }
 
-/// What the board's description says of the bridges: what a trial cannot tell apart from the motor.
+/// What the board's description says of the bridges: what a trial cannot distinguish from the motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Bridges {
     /// Time in each PWM period in which neither switch of a phase conducts, nanoseconds; 0 where it is not known.

@@ -186,7 +186,7 @@ impl Batch {
         &self.models[robot]
     }
 
-    /// Returns a robot as a plant of its own, for everything that a plant can tell.
+    /// Returns a robot as a plant of its own, for everything that a plant reports.
     ///
     /// # Errors
     /// If the model is refused.

@@ -42,8 +42,8 @@ fn a_robot_of_a_long_batch_has_the_bits_of_a_plant_alone() {
         }
         assert_eq!(together.body(robot), alone.body(), "robot {robot}");
         assert_eq!(together.motor_work(robot), alone.energy().motor_work, "robot {robot}");
-        let told = together.plant(robot).unwrap();
-        assert_eq!((told.energy(), told.legs()), (alone.energy(), alone.legs()), "robot {robot}");
+        let plant = together.plant(robot).unwrap();
+        assert_eq!((plant.energy(), plant.legs()), (alone.energy(), alone.legs()), "robot {robot}");
     }
 }
 

@@ -18,7 +18,7 @@ const PAUSE: Duration = Duration::from_micros(13_700);
 /// What is held meanwhile: Hz, degrees.
 const HELD: (f64, f64) = (20.0, 0.0);
 
-/// What the network did and what came of it.
+/// Result of the network: what it did, and how the robot answered.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Air {
     /// The robot under the flood.

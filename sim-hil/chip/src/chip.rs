@@ -344,7 +344,7 @@ impl<O: Outside> Chip<O> {
         self.soc.is_duty_late(pin, output)
     }
 
-    /// Whether the processor is at this place of the program.
+    /// Returns whether the processor is at this place of the program.
     #[must_use]
     pub fn is_in(&self, place: Place) -> bool {
         let threshold = self.soc.interrupts.threshold();
@@ -581,7 +581,7 @@ impl<O: Outside> Chip<O> {
         bytes.map_or(0, |bytes| untouched(bytes) as u32)
     }
 
-    /// Longest run in `length` bytes from `start` on of what was there when the image started: zeros, or what the boot
+    /// Returns the longest run in `length` bytes from `start` on of what was there when the image started: zeros, or what the boot
     /// loader left.
     #[must_use]
     pub fn longest_untouched(&self, start: u32, length: u32) -> u32 {

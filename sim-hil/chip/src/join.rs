@@ -38,7 +38,7 @@ const RIGHT_AGAIN: Duration = Duration::from_secs(40);
 const HOST_NAME: &str = "flix-walker";
 const OTHER_PASSPHRASE: &str = "another pass phrase";
 
-/// What came of it.
+/// Result of a join.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Join {
     /// From the start to the first connection, s.

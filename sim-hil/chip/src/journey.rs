@@ -81,7 +81,7 @@ pub struct Step {
     pub exit: Option<i32>,
 }
 
-/// What came of it.
+/// Result of a journey.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Journey {
     /// Every command.

@@ -4,7 +4,7 @@
 //! The chip's time never runs faster than the clock of the wall. Where the emulation is slower it falls behind, and hurries
 //! after by no more than the jitter of a good network: commands reach the robot at least as often as on time, and every
 //! deadline of the robot is a deadline of its own time. What `flix` waits for comes later by the same share; [`Live::pace`]
-//! tells it.
+//! reports it.
 
 use std::collections::HashMap;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
@@ -287,7 +287,7 @@ fn everybody() -> std::io::Result<UdpSocket> {
     Ok(socket.into())
 }
 
-/// Tells questions from answers (RFC 1035, section 4.1.1).
+/// Distinguishes questions from answers (RFC 1035, section 4.1.1).
 fn is_question(message: &[u8]) -> bool {
     message.get(2).is_some_and(|flags| flags & 0x80 == 0)
 }

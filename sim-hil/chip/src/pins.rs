@@ -97,7 +97,7 @@ impl Robot {
         BOARD.bridges.map(|bridge| (bridge.phases.map(u32::from), bridge.enable.map(u32::from)))
     }
 
-    /// Pin of the status light.
+    /// Returns the pin of the status light.
     #[must_use]
     pub fn light_pin() -> u32 {
         BOARD.status_led.into()

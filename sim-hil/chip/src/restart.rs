@@ -173,7 +173,7 @@ fn happen(
     }
     rig.client = None;
     if identity.reset.to_string() != reason {
-        let failure = format!("an operator is told that it was {}, not {reason:?}", identity.reset);
+        let failure = format!("the robot reports that it was {}, not {reason:?}", identity.reset);
         restart.failures.push(format!("{accident:?} {name}: {failure}"));
     }
     if restart.reason != reason {

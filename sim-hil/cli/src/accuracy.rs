@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use flix_plot::Figure as _;
 use flix_shell::number::whole;
 
-use super::Error;
+use super::error::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table, words};
 use flix_sim::model::RobotModel;
 use flix_sim::reliability::accuracy::{

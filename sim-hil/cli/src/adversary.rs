@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use flix_shell::number::whole;
 
-use super::Error;
+use super::error::Error;
 use super::output::{print_verdict, progress, row, table, words};
 use flix_sim::reliability::adversary::{
     AMPLIFICATION_LIMIT, ANSWERS_LIMIT, DISCOVERY_LIMIT_PER_S, Effort, FOREIGN_STOP_LIMIT_S,

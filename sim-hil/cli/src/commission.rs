@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use flix_shell::number::whole;
 
-use super::Error;
+use super::error::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table};
 use flix_sim::reliability::commission::{
     CURRENT_LIMIT_A, Commissioning, LATENCY_LIMIT_US, Late, Trialled, VALUE_LIMIT, measure,

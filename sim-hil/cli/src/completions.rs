@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use flix_shell::completions::{self, Shell};
 
-use super::{Cli, Error};
+use super::error::Error;
 
 /// Print the completion script of a shell
 #[derive(Debug, clap::Args)]
@@ -22,7 +22,7 @@ pub struct Args {
 ///
 /// # Errors
 /// When standard output cannot be written.
-pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    completions::write(args.shell, Cli::description())?;
+pub fn run(args: &Args, program: clap::Command) -> Result<ExitCode, Error> {
+    completions::write(args.shell, program)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -8,8 +8,8 @@ use std::time::Duration;
 use flix_host::nav::{ModeTable, PlanarPose};
 use flix_host::record::RunDescription;
 
-use super::Error;
 use super::arguments::{ModelArgs, parse_time};
+use super::error::Error;
 use flix_sim::experiment::course::Conditions;
 use flix_sim::experiment::walk::require_walker;
 use flix_sim::rig::mode_table::shipped_table;

@@ -11,7 +11,7 @@ use flix_protocol::message::{Faults, OperatorName, State};
 use flix_shell::number::parse_within;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::Error;
+use super::error::Error;
 use super::output::print;
 use flix_sim::plant::Plant;
 use flix_sim::rig::simulated::SimulatedRobot;

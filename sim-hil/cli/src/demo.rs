@@ -9,8 +9,9 @@ use flix_protocol::message::Setpoint;
 use flix_shell::number::whole;
 use indicatif::ProgressBar;
 
+use super::error::Error;
 use super::output::{headings, mark, print, progress, row, table};
-use super::{Error, track};
+use super::track;
 use flix_sim::experiment::metrics::{Hold, HoldMeter, StepMeter, line_error};
 use flix_sim::plant::Plant;
 use flix_sim::reliability::accuracy::{

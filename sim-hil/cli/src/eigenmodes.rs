@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use clap::ValueEnum;
 
-use super::Error;
 use super::arguments::{ModelArgs, parse_leg};
+use super::error::Error;
 use super::output::{print_figures, row, table};
 use flix_sim::experiment::probe::{self, Clamp, Eigenmodes};
 

@@ -4,8 +4,8 @@ use flix_shell::number::parse_within;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::Error;
 use super::arguments::ModelArgs;
+use super::error::Error;
 use super::output::{complain, write_or_print};
 use flix_sim::model::mjcf::{mjcf, too_long};
 use flix_sim::plant::mechanics::reference_contact;

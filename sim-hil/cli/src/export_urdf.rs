@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::Error;
 use super::arguments::ModelArgs;
+use super::error::Error;
 use super::output::write_or_print;
 use flix_sim::model::links::links;
 use flix_sim::model::urdf::urdf;

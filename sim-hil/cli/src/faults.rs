@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use flix_shell::number::whole;
 
-use super::Error;
+use super::error::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table};
 use flix_sim::reliability::case::{CASES, Case};
 use flix_sim::reliability::fault_matrix::{

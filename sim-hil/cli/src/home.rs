@@ -16,9 +16,9 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
-use super::Error;
 use super::arguments::parse_time;
 use super::conditions::{LoopArgs, description};
+use super::error::Error;
 use super::output::{path_as_text, print, progress};
 use flix_sim::experiment::course::Course;
 use flix_sim::rig::motion_capture::POSE_PERIOD;

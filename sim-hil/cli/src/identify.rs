@@ -9,8 +9,8 @@ use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::Recorder;
 use flix_shell::identification::{IdentificationArgs, describe};
 
-use super::Error;
 use super::conditions::{LoopArgs, description};
+use super::error::Error;
 use super::output::{print, progress};
 use flix_sim::experiment::course::Course;
 

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use flix_shell::number::whole;
 
-use super::Error;
 use super::arguments::ModelArgs;
+use super::error::Error;
 use super::output::{print, progress};
 use flix_study::experience::{Plan, gain};
 

@@ -2,8 +2,8 @@
 
 use std::process::ExitCode;
 
-use super::Error;
 use super::arguments::{ModelArgs, Vector, parse_leg};
+use super::error::Error;
 use super::output::{print_figures, row, table};
 use flix_sim::experiment::probe::{self, LegProbe};
 use flix_sim::experiment::walk::DEFAULT_STEP;

@@ -13,6 +13,7 @@ pub mod conditions;
 mod console;
 pub mod demo;
 pub mod eigenmodes;
+mod error;
 pub mod export_mjcf;
 pub mod export_urdf;
 pub mod faults;
@@ -36,6 +37,8 @@ pub mod walk;
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
+
+pub use self::error::{Error, ServeError};
 
 /// A simulated Flix-Walker under the robot's own software.
 #[derive(Debug, Parser)]
@@ -96,132 +99,6 @@ enum Command {
     Man(man::Args),
 }
 
-/// Why a command failed: one sentence for people.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// A simulated robot could not be brought to run.
-    #[error(transparent)]
-    Bench(#[from] flix_sim::rig::bench::BenchError),
-    /// The simulation did not go on.
-    #[error(transparent)]
-    Operation(#[from] flix_sim::rig::operation::OperationError),
-    /// A model is damaged.
-    #[error(transparent)]
-    Model(#[from] flix_sim::model::ModelError),
-    /// A figure was not drawn.
-    #[error(transparent)]
-    Plot(#[from] flix_plot::PlotError),
-    /// A key could not be made or read.
-    #[error(transparent)]
-    Key(#[from] flix_host::link::keys::KeyError),
-    /// The robot cannot be on the network.
-    #[error(transparent)]
-    Serve(#[from] serve::ServeError),
-    /// f or theta cannot be asked for.
-    #[error("{0}; the robot takes -35 to 35 Hz and -90 to 90 degrees")]
-    Setpoint(#[from] flix_protocol::units::OutOfRange),
-    /// The robot did not walk.
-    #[error(transparent)]
-    Walk(#[from] flix_sim::experiment::walk::WalkError),
-    /// The mechanics gave no answer.
-    #[error(transparent)]
-    Probe(#[from] flix_sim::experiment::probe::ProbeError),
-    /// A replay was not written.
-    #[error(transparent)]
-    Recording(#[from] flix_sim::view::RecordingError),
-    /// A file was not written.
-    #[error("cannot write {}: {error}", path.display())]
-    Write {
-        /// Names the folder or file.
-        path: std::path::PathBuf,
-        /// What the system said.
-        error: std::io::Error,
-    },
-    /// JSON was not written.
-    #[error("cannot write JSON: {0}")]
-    Json(#[from] serde_json::Error),
-    /// What was asked for cannot be done, or did not come about.
-    #[error("{0}")]
-    Refused(String),
-    /// As the host's programs say it.
-    #[error(transparent)]
-    Host(#[from] flix_shell::Error),
-    /// A study did not end.
-    #[error(transparent)]
-    Study(#[from] flix_study::StudyError),
-    /// A table of a study was not read, written or merged.
-    #[error(transparent)]
-    Table(#[from] flix_study::TableError),
-    /// A calibration did not end.
-    #[error(transparent)]
-    Calibration(#[from] flix_study::calibrate::CalibrationError),
-    /// A laboratory's table is refused.
-    #[error(transparent)]
-    Measured(#[from] flix_study::measured::MeasuredError),
-    /// A robot was not identified.
-    #[error(transparent)]
-    Sysid(#[from] flix_study::sysid::SysidError),
-    /// The record was not written.
-    #[error(transparent)]
-    Record(#[from] flix_host::record::RecordError),
-    /// The record could not be read back.
-    #[error(transparent)]
-    Read(#[from] flix_host::record::ReadError),
-}
-
-impl Error {
-    /// Creates a refusal from something that has its own words.
-    pub fn refused(sentence: impl std::fmt::Display) -> Self {
-        Self::Refused(sentence.to_string())
-    }
-
-    /// Returns whether the command line, or a file that it names, is wrong.
-    fn is_usage(&self) -> bool {
-        use flix_sim::experiment::probe::ProbeError;
-        use flix_sim::experiment::walk::WalkError;
-        use flix_study::calibrate::CalibrationError;
-        use flix_study::sysid::SysidError;
-        use flix_study::{StudyError, TableError};
-        matches!(
-            self,
-            Self::Setpoint(_)
-                | Self::Host(_)
-                | Self::Refused(_)
-                | Self::Model(_)
-                | Self::Measured(_)
-                | Self::Calibration(CalibrationError::NoLegs(_) | CalibrationError::Other { .. })
-                | Self::Sysid(
-                    SysidError::Measured(_)
-                        | SysidError::Plan(_)
-                        | SysidError::NoFolder(_)
-                        | SysidError::Empty(_)
-                        | SysidError::Write { .. }
-                )
-                | Self::Study(StudyError::Journal(_) | StudyError::Table(TableError::File { .. }),)
-                | Self::Table(_)
-                | Self::Key(_)
-                | Self::Serve(
-                    serve::ServeError::Listen { .. }
-                        | serve::ServeError::Operators { .. }
-                        | serve::ServeError::OneKey { .. }
-                )
-                | Self::Write { .. }
-                | Self::Record(_)
-                | Self::Read(_)
-                | Self::Plot(flix_plot::PlotError::Write { .. })
-                | Self::Recording(flix_sim::view::RecordingError::Write { .. })
-                | Self::Probe(
-                    ProbeError::Model(_)
-                        | ProbeError::Setpoint(_)
-                        | ProbeError::NoLegs { .. }
-                        | ProbeError::Overloaded
-                        | ProbeError::Still
-                )
-                | Self::Walk(WalkError::Model(_))
-        )
-    }
-}
-
 impl Cli {
     /// Returns the description of the command line, which reads help, completions and manual pages.
     ///
@@ -229,12 +106,6 @@ impl Cli {
     #[must_use]
     pub fn description() -> clap::Command {
         flix_shell::numbers_may_be_negative(Self::command())
-    }
-}
-
-impl From<flix_sim::plant::Diverged> for Error {
-    fn from(error: flix_sim::plant::Diverged) -> Self {
-        Self::Operation(error.into())
     }
 }
 
@@ -248,8 +119,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Identify(args) => identify::run(&args),
         Command::Learn(args) => learn::run(&args),
         Command::Study(args) => study::run(&args),
-        Command::Completions(args) => completions::run(&args),
-        Command::Man(args) => man::run(&args),
+        Command::Completions(args) => completions::run(&args, Cli::description()),
+        Command::Man(args) => man::run(&args, Cli::description()),
         Command::Serve(args) => serve::run(&args),
         Command::Accuracy(args) => accuracy::run(&args),
         Command::Commission(args) => commission::run(&args),

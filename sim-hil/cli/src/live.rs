@@ -15,7 +15,7 @@ use flix_sim::plant::Plant;
 use flix_sim::rig::simulated::SimulatedRobot;
 use flix_sim::view::FrameView;
 
-use crate::Error;
+use crate::error::Error;
 
 /// Time between two rows.
 const PERIOD: Duration = Duration::from_millis(20);

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use serde::Serialize;
 
-use super::Error;
+use super::error::Error;
 pub(crate) use flix_shell::output::{
     headings, optional_path_as_text, path_as_text, print, print_json, table,
 };

@@ -2,8 +2,8 @@
 
 use std::process::ExitCode;
 
-use super::Error;
 use super::arguments::ModelArgs;
+use super::error::Error;
 use super::output::print_figures;
 use flix_sim::experiment::probe::{self, Posture, Rest};
 use flix_sim::experiment::walk::DEFAULT_STEP;

@@ -14,14 +14,14 @@ use flix_host::system::interrupt::Interrupt;
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
 use flix_protocol::message::OperatorName;
-use flix_protocol::session::{AddError, Operator, Operators};
+use flix_protocol::session::{Operator, Operators};
 use flix_protocol::units::Instant;
 use flix_shell::number::{parse_within, whole};
 use flix_shell::stream::StreamArgs;
 
-use super::Error;
 use super::arguments::ModelArgs;
 use super::console::Console;
+use super::error::{Error, ServeError};
 use super::live::Shown;
 use super::output::{complain, print};
 use flix_sim::experiment::walk::require_walker;
@@ -104,62 +104,6 @@ fn natnet_address(text: &str) -> Result<SocketAddrV4, String> {
             "\"{text}\" is no IPv4 ADDRESS:PORT: write {NATNET_DEFAULT}, or --natnet alone for that"
         )
     })
-}
-
-/// The robot cannot be on the network.
-#[derive(Debug, thiserror::Error)]
-pub enum ServeError {
-    /// The address cannot be had.
-    #[error("{option} {address}: cannot listen there: {source}; {advice}", advice = advice(source, option))]
-    Listen {
-        /// The option that gives it.
-        option: &'static str,
-        /// Gives the address.
-        address: SocketAddr,
-        /// Why.
-        source: io::Error,
-    },
-    /// The operators cannot be those of one robot.
-    #[error("--operator {name}: {source}")]
-    Operators {
-        /// The operator.
-        name: OperatorName,
-        /// Why.
-        source: AddError,
-    },
-    /// Two operators have one key.
-    #[error(
-        "--operator {name}: the key of this file is that of {known}; make one with `flix keygen FILE`"
-    )]
-    OneKey {
-        /// The operator.
-        name: OperatorName,
-        /// Whose key it is.
-        known: OperatorName,
-    },
-    /// The network failed later.
-    #[error("the network failed: {0}")]
-    Network(#[from] io::Error),
-}
-
-/// Returns what to do about an address that cannot be had.
-fn advice(source: &io::Error, option: &str) -> String {
-    match source.kind() {
-        io::ErrorKind::AddrInUse => {
-            format!(
-                "another program listens there, perhaps a robot: give another port with {option}"
-            )
-        }
-        io::ErrorKind::AddrNotAvailable => {
-            format!(
-                "it is no address of this computer: give one that is with {option}, or 0.0.0.0 for all"
-            )
-        }
-        io::ErrorKind::PermissionDenied => {
-            format!("ports below 1024 are for the system: give a higher one with {option}")
-        }
-        _ => format!("give another with {option}"),
-    }
 }
 
 /// How far over the floor a robot hangs, m.

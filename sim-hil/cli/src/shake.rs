@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
-use super::Error;
 use super::arguments::{ModelArgs, SetpointArgs, parse_step};
+use super::error::Error;
 use super::output::{print_figures, row, table};
 use flix_sim::experiment::probe::{self, ShakeBase, Shaken};
 use flix_sim::experiment::walk::DEFAULT_STEP;

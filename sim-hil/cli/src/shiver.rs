@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use flix_shell::number::whole;
 
-use super::Error;
+use super::error::Error;
 use super::output::{headings, print_verdict, progress, row, table};
 use flix_sim::reliability::shiver::{HEAT_LIMIT_W, Judged, Shivers, Verdict, measure};
 

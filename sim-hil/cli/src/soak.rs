@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::Error;
+use super::error::Error;
 use super::output::{print_verdict, progress, row, table, words};
 use flix_sim::reliability::soak::{GROWTH_LIMIT, Verdict, measure};
 

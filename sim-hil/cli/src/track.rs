@@ -15,9 +15,9 @@ use flix_plot::Figure;
 use flix_shell::course::{CourseArgs, describe, facts, results, row};
 use serde::Serialize;
 
-use super::Error;
 use super::arguments::{parse_heading, parse_time};
 use super::conditions::{LoopArgs, description};
+use super::error::Error;
 use super::output::{optional_path_as_text, path_as_text, print, progress};
 use flix_sim::experiment::course::Course;
 use flix_sim::rig::motion_capture::POSE_PERIOD;

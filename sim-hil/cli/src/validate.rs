@@ -3,8 +3,8 @@
 use flix_shell::number::parse_within;
 use std::process::ExitCode;
 
-use super::Error;
 use super::arguments::{Vector, parse_leg};
+use super::error::Error;
 use super::output::{mark, print_figures, row, table};
 use flix_sim::experiment::validation::{Options, Report, validate};
 

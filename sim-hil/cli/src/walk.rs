@@ -11,8 +11,8 @@ use flix_shell::number::whole;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-use super::Error;
 use super::arguments::{ModelArgs, SetpointArgs, parse_heading, parse_step, parse_time};
+use super::error::Error;
 use super::output::{complain, print, print_figures, progress, row, table};
 use flix_sim::experiment::walk::{Spread, Walk, WalkDrive, Walked, walk};
 use flix_sim::model::RobotModel;

@@ -296,7 +296,7 @@ fn mirror(rows: &mut Rows, model: &RobotModel, step: f64) -> Result<(), ProbeErr
 }
 
 /// Returns whether the right half of the model is the mirror image of the left.
-pub fn is_symmetric(model: &RobotModel) -> bool {
+pub(crate) fn is_symmetric(model: &RobotModel) -> bool {
     let Some(legs) = &model.legs else { return true };
     let same = |l: &crate::model::Leg, r: &crate::model::Leg| {
         let mut mirrored = *r;

@@ -282,7 +282,7 @@ impl VoltageMode {
 ///
 /// # Errors
 /// When it cannot be built.
-pub fn try_in_voltage_mode(seed: u64) -> Result<Late, BenchError> {
+pub(crate) fn try_in_voltage_mode(seed: u64) -> Result<Late, BenchError> {
     let mut model = stranger(seed);
     model.electrical.sense.current = false;
     let drawn = Drawn::of(&model);

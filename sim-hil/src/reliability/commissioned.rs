@@ -291,7 +291,7 @@ fn try_run(
         Err(BenchError::Operation(error)) => (error.to_string(), 0.0, None),
         Err(error) => return Err(error),
     };
-    // What went wrong last is told a little later.
+    // What went wrong last is reported a little later.
     operation.run(SAYING, |_| {})?;
     let mut is_limited = false;
     while let Some(update) = operation.client().update() {

@@ -31,7 +31,7 @@ pub const MODES: [(f64, f64); 5] =
 /// Longest time from when the cause can be known until both rotors are at rest, s.
 pub const REST_LIMIT_S: f64 = 0.6;
 /// Farthest that theta may run away while the rotors ramp down under control, degrees.
-pub const PHASE_LIMIT_DEG: f64 = 5.0;
+pub(crate) const PHASE_LIMIT_DEG: f64 = 5.0;
 /// Rotors slower than this are at rest, Hz.
 pub const REST_HZ: f64 = 0.5;
 /// Rotors slower than this have no direction to speak of, Hz.
@@ -57,7 +57,7 @@ pub enum Onset {
 }
 
 /// All of them.
-pub const ONSETS: [Onset; 3] = [Onset::Starting, Onset::Holding, Onset::Reversing];
+pub(crate) const ONSETS: [Onset; 3] = [Onset::Starting, Onset::Holding, Onset::Reversing];
 
 /// Longest time between a command and the onset in its ramp.
 const INTO_THE_RAMP: Duration = Duration::from_millis(80);

@@ -68,7 +68,7 @@ const AFTERMATH: Duration = Duration::from_millis(700);
 const ALIGNING_LIMIT: Duration = Duration::from_secs(15);
 /// Longest time for ramping down, and then braking.
 const STOPPING_LIMIT: Duration = Duration::from_secs(1);
-/// Longest time from when all is mended until the robot shakes as wanted.
+/// Longest time from when all is mended until the robot shakes as commanded.
 const RECOVERY_LIMIT: Duration = Duration::from_secs(30);
 /// The chip's watchdog restarts a loop that hangs for so long.
 const WATCHDOG: Duration = Duration::from_millis(200);
@@ -97,7 +97,7 @@ pub struct Verdict {
     pub hardware_faults: u64,
     /// Restarts of the robot's software.
     pub restarts: u64,
-    /// Longest time from when all was mended until the robot shook as wanted.
+    /// Longest time from when all was mended until the robot shook as commanded.
     pub longest_recovery_s: f64,
     /// Largest phase current while the hardware was sound.
     pub largest_current_a: f64,
@@ -518,24 +518,24 @@ impl Scenario {
         self.operation.operators[0].clock.read(self.operation.now())
     }
 
-    /// Time for which f and theta must be near before the robot counts as shaking as wanted.
+    /// Time for which f and theta must be near before the robot counts as shaking as commanded.
     const NEAR_FOR: Duration = Duration::from_millis(300);
 
     fn recover(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
         let began = self.operation.now();
         let frequency = if self.below(2) == 0 { 25.0 } else { -25.0 };
-        let wanted = setpoint(frequency, self.between(-90.0, 90.0))?;
+        let commanded = setpoint(frequency, self.between(-90.0, 90.0))?;
         let mut near_since = None;
         self.account.episodes += 1;
         loop {
             let now = self.operation.now();
             let is_due = (now.as_micros() - began.as_micros()).is_multiple_of(100_000);
             if is_due {
-                self.insist(wanted);
+                self.insist(commanded);
             }
             self.tick(second)?;
             let truth = self.operation.robot.truth();
-            if is_near(&truth, wanted) {
+            if is_near(&truth, commanded) {
                 let since = *near_since.get_or_insert(now);
                 if now.since(since) >= Self::NEAR_FOR {
                     break;
@@ -566,8 +566,8 @@ impl Scenario {
         Ok(())
     }
 
-    /// What a patient operator does next.
-    fn insist(&mut self, wanted: Setpoint) {
+    /// Asks for what a patient operator asks for next.
+    fn insist(&mut self, setpoint: Setpoint) {
         let now = self.shown();
         let client = self.operation.client();
         let Some(telemetry) = client.telemetry().copied() else { return };
@@ -576,14 +576,14 @@ impl Scenario {
         } else if telemetry.state == State::Disarmed {
             client.request(now, Command::Arm);
         } else if matches!(telemetry.state, State::Armed | State::Running) {
-            client.want(now, wanted);
+            client.want(now, setpoint);
         }
     }
 }
 
-fn is_near(truth: &Truth, wanted: Setpoint) -> bool {
-    let direction = f64::from(wanted.direction().get()).to_radians();
-    (truth.frequency() - f64::from(wanted.frequency().get())).abs() < 1.0
+fn is_near(truth: &Truth, setpoint: Setpoint) -> bool {
+    let direction = f64::from(setpoint.direction().get()).to_radians();
+    (truth.frequency() - f64::from(setpoint.frequency().get())).abs() < 1.0
         && line_error(truth.direction, direction).abs().to_degrees() < 5.0
 }
 

@@ -160,7 +160,7 @@ impl Watched {
         Self::power_up_with(model, seed, None)
     }
 
-    /// The same of a robot that is wired wrongly.
+    /// Does the same with a robot that is wired wrongly.
     ///
     /// # Errors
     /// When it cannot be built or connected to.

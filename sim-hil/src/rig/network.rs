@@ -146,7 +146,7 @@ pub fn play<Scenario: Future>(
     play_with(fixed(ROBOT), name, station, tick, scenario)
 }
 
-/// The same, with a robot that has its address by this configuration.
+/// Does the same with a robot that has its address by this configuration.
 pub fn play_with<Scenario: Future>(
     robot: Config,
     name: &str,
@@ -290,7 +290,7 @@ pub fn arp(operation: Arp, card: u8, claimed: Ipv4Addr, asked: Ipv4Addr) -> Vec<
 }
 
 /// Bytes of a frame before the payload of its datagram: Ethernet, IPv4 and UDP.
-pub const DATAGRAM_HEADER: usize = 14 + 20 + 8;
+pub(crate) const DATAGRAM_HEADER: usize = 14 + 20 + 8;
 
 /// Returns the frame of a datagram from this card to the robot.
 #[must_use]

@@ -433,7 +433,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
     }
 
     /// Swaps the battery for one with this share of its charge, 0 to 1.
-    pub fn swap_battery(&mut self, charge: f64) {
+    pub(crate) fn swap_battery(&mut self, charge: f64) {
         self.electronics.battery_mut().recharge(charge);
     }
 

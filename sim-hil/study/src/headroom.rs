@@ -33,7 +33,7 @@ const CEILING_STEP_HZ: f64 = 0.01;
 /// A robot with more headroom than this, V, should hold everything: less is lost to noise, cogging and unlike phases.
 pub const HEADROOM_V: f64 = 0.2;
 /// Share of the robots with more that must.
-pub const HELD_SHARE: f64 = 0.99;
+pub(crate) const HELD_SHARE: f64 = 0.99;
 /// Share of its ceiling at which a limited robot holds f.
 pub const CEILING_SHARE: f64 = 0.97;
 

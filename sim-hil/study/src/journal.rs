@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use super::{Column, Fingerprint, Kind, Row, Value};
+use super::column::{Column, Fingerprint, Kind, Row, Value};
 
 /// Why finished cells could not be kept or found.
 #[derive(Debug, thiserror::Error)]

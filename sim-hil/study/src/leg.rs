@@ -29,7 +29,7 @@ use flix_sim::model::{GRAVITY, RobotModel};
 use flix_sim::plant::Wrench;
 
 /// Angles of the paper's three loads, degrees.
-pub const LOADS_DEG: [f64; 3] = [-60.0, 0.0, 60.0];
+pub(crate) const LOADS_DEG: [f64; 3] = [-60.0, 0.0, 60.0];
 /// Time that a released beam is recorded, s: it has come to rest by then.
 pub const RECORDED: f64 = 0.1;
 /// Step of the simulation, s.

@@ -18,6 +18,7 @@
 pub mod actuation;
 pub mod calibrate;
 pub mod cmaes;
+mod column;
 pub mod controllers;
 pub mod experience;
 pub mod figure;
@@ -35,11 +36,11 @@ pub mod sweep;
 pub mod sysid;
 mod table;
 
+pub use column::{Column, Fingerprint, Kind, Row, Value};
 pub use journal::JournalError;
 pub use shard::{Shard, ShardError};
 pub use table::{Table, TableError, merge};
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::Duration;
@@ -47,141 +48,31 @@ use std::time::Duration;
 use flix_host::system::interrupt::Interrupt;
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
-use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use journal::Journal;
 
-/// One column of a study's table.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Column {
-    /// Name with its unit, for example `forward_m_s`.
-    pub name: String,
-    /// What its values are.
-    pub kind: Kind,
-}
-
-/// What the values of a column are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Kind {
-    /// Numbers.
-    Number,
-    /// Whole numbers from 0 to 2^64 - 1.
-    Whole,
-    /// Words.
-    Text,
-}
-
-impl Column {
-    /// Creates a column of numbers.
-    pub fn number(name: impl Into<String>) -> Self {
-        Self { name: name.into(), kind: Kind::Number }
-    }
-
-    /// Creates a column of whole numbers, which are kept to the last digit.
-    pub fn whole(name: impl Into<String>) -> Self {
-        Self { name: name.into(), kind: Kind::Whole }
-    }
-
-    /// Creates a column of words.
-    pub fn text(name: impl Into<String>) -> Self {
-        Self { name: name.into(), kind: Kind::Text }
-    }
-}
-
-/// One entry of a row.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Value {
-    /// For a column of numbers.
-    Number(f64),
-    /// For a column of whole numbers.
-    Whole(u64),
-    /// For a column of words.
-    Text(String),
-}
-
-impl From<f64> for Value {
-    fn from(number: f64) -> Self {
-        Self::Number(number)
-    }
-}
-
-impl From<u64> for Value {
-    fn from(whole: u64) -> Self {
-        Self::Whole(whole)
-    }
-}
-
-impl From<&str> for Value {
-    fn from(text: &str) -> Self {
-        Self::Text(text.to_owned())
-    }
-}
-
-impl Value {
-    /// Returns the number, if it is one; a whole one beyond 2^53 is rounded.
-    #[must_use]
-    pub const fn number(&self) -> Option<f64> {
-        match self {
-            Self::Number(number) => Some(*number),
-            Self::Whole(whole) => Some(*whole as f64),
-            Self::Text(_) => None,
-        }
-    }
-
-    /// Returns the whole number, if it is one.
-    #[must_use]
-    pub const fn whole(&self) -> Option<u64> {
-        match self {
-            Self::Whole(whole) => Some(*whole),
-            Self::Number(_) | Self::Text(_) => None,
-        }
-    }
-
-    /// Returns the text, if it is one.
-    #[must_use]
-    pub fn as_text(&self) -> Option<&str> {
-        match self {
-            Self::Number(_) | Self::Whole(_) => None,
-            Self::Text(text) => Some(text),
-        }
-    }
-}
-
-/// One row: a value a column.
-pub type Row = Vec<Value>;
-
-/// What all results of a table depend on, as a hash.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Fingerprint(String);
-
-impl fmt::Display for Fingerprint {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
 /// Many independent cells.
 pub trait Study: Sync {
-    /// For files and people, for example `mobility`.
+    /// Returns the name for files and people, for example `mobility`.
     fn name(&self) -> &'static str;
 
-    /// What is in the results, in a few words for the name of a folder: the model at least.
+    /// Returns what is in the results, in a few words for the name of a folder: the model at least.
     fn label(&self) -> String;
 
-    /// Everything that results depend on and that the caller can change, models included.
+    /// Returns everything that results depend on and that the caller can change, models included.
     fn parameters(&self) -> serde_json::Value;
 
-    /// The columns of the table: what a cell asks, then what was found.
+    /// Returns the columns of the table: what a cell asks, then what was found.
     fn columns(&self) -> Vec<Column>;
 
     /// Returns what a cell asks: the first values of its row.
     fn asked(&self, cell: usize) -> Row;
 
-    /// How many cells there are.
+    /// Returns how many cells there are.
     fn cells(&self) -> usize;
 
-    /// How many cells are best computed together.
+    /// Returns how many cells are best computed together.
     fn batch(&self) -> usize {
         1
     }
@@ -190,7 +81,7 @@ pub trait Study: Sync {
     /// come together.
     fn compute(&self, cells: &[usize]) -> Vec<Result<Row, String>>;
 
-    /// The hash of name, parameters, columns and program version.
+    /// Returns the hash of name, parameters, columns and program version.
     fn fingerprint(&self) -> Fingerprint {
         let identity = serde_json::json!({
             "study": self.name(),
@@ -199,7 +90,7 @@ pub trait Study: Sync {
             "version": env!("CARGO_PKG_VERSION"),
         });
         let digest = Sha256::digest(identity.to_string().as_bytes());
-        Fingerprint(digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect())
+        Fingerprint::new(digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect())
     }
 }
 
@@ -263,7 +154,7 @@ pub enum StudyError {
 }
 
 impl Options {
-    /// Name of the folder's files for this shard.
+    /// Returns the name of the folder's files for this shard.
     fn path(&self, stem: &str, extension: &str) -> PathBuf {
         self.folder.join(format!("{stem}{}.{extension}", self.shard.suffix()))
     }

@@ -1,4 +1,4 @@
-//! Which pairs (f, theta) to steer with (paper, section III-C), beside those of the paper's table IV.
+//! Pairs (f, theta) to steer with (paper, section III-C), beside those of the paper's table IV.
 //!
 //! ```text
 //! P = (I'_mass + I'_friction) / 2               (equation 9)

@@ -70,8 +70,8 @@ fn a_magnet_that_is_too_weak_or_too_strong_is_told_once_and_shown_as_long_as_it_
             bench.wait(Duration::from_millis(300));
             assert_eq!(bench.telemetry().encoders[motor].magnet, Magnet::Good);
         }
-        let told = Event::Magnet { motor: motor as u8, magnet };
-        assert_eq!(bench.events().iter().filter(|event| **event == told).count(), 1);
+        let reported = Event::Magnet { motor: motor as u8, magnet };
+        assert_eq!(bench.events().iter().filter(|event| **event == reported).count(), 1);
         assert!(bench.robot.report().faults.is_empty());
     }
 }

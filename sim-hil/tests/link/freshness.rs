@@ -118,9 +118,9 @@ fn what_arrives_too_late_is_refused_with_its_age_and_told_once() {
         )
     });
     assert!(refused && bench.operator.replies.len() == 3, "{:?}", bench.operator.replies);
-    let told =
+    let late =
         bench.events().iter().filter(|event| matches!(event, Event::CommandsLate { .. })).count();
-    assert_eq!((told, bench.state()), (1, State::Disarmed));
+    assert_eq!((late, bench.state()), (1, State::Disarmed));
 }
 
 #[test]

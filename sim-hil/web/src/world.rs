@@ -262,7 +262,7 @@ impl World {
             .map_err(|missing| Trouble::Sentence(missing.to_string()))?;
         let now = self.now();
         self.cockpit.note(now, Weight::Note, "follows the path");
-        let commanded = self.cockpit.wanted;
+        let commanded = self.cockpit.setpoint;
         self.tracking = Some(Tracking { navigator, commanded });
         Ok(())
     }
@@ -294,12 +294,12 @@ impl World {
     fn hand(&self) -> Wrench {
         let Some(to) = self.pull else { return Wrench::default() };
         let body = self.plant().body();
-        let wanted: [f64; 2] = core::array::from_fn(|i| {
+        let force: [f64; 2] = core::array::from_fn(|i| {
             PULL_STIFFNESS * (to[i] - body.position[i]) - PULL_DAMPING * body.velocity[i]
         });
-        let size = (wanted[0] * wanted[0] + wanted[1] * wanted[1]).sqrt();
+        let size = (force[0] * force[0] + force[1] * force[1]).sqrt();
         let share = if size > STRONGEST_PULL { STRONGEST_PULL / size } else { 1.0 };
-        Wrench { force: [wanted[0] * share, wanted[1] * share, 0.0], torque: [0.0; 3] }
+        Wrench { force: [force[0] * share, force[1] * share, 0.0], torque: [0.0; 3] }
     }
 
     /// Lets the operator's side take what has arrived.
@@ -328,7 +328,7 @@ impl World {
         let is_armed = self.is_armed();
         let Some(tracking) = &mut self.tracking else { return };
         // Whatever else is commanded ends it.
-        if !is_armed || self.cockpit.wanted != tracking.commanded {
+        if !is_armed || self.cockpit.setpoint != tracking.commanded {
             self.tracking = None;
             return self.cockpit.note(now, Weight::Note, "follows the path no more");
         }
@@ -342,7 +342,7 @@ impl World {
             Decision::Stopped(stop) => (Setpoint::REST, Some(stop.to_string())),
         };
         tracking.commanded = setpoint;
-        self.cockpit.wanted = setpoint;
+        self.cockpit.setpoint = setpoint;
         self.operation.client().hold(now, setpoint);
         if let Some(text) = end {
             self.tracking = None;

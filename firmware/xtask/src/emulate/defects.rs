@@ -12,7 +12,7 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Args, OTHER, other_options};
+use super::other;
 use crate::chip::{Chip, Options};
 use crate::run::{self, Error, root};
 use crate::toolchain;
@@ -83,17 +83,15 @@ struct Summary {
     pass: bool,
 }
 
-/// Tries the defects; an error when one is not caught.
-pub(super) fn run(args: &Args) -> Result<(), Error> {
+/// Tries those defects whose names contain one of these, all without any, by this emulator; an error when one is not caught.
+pub(super) fn run(program: &Path, named: &[String], is_json: bool) -> Result<(), Error> {
     let list = List::read()?;
-    let is_wanted = |defect: &Defect| {
-        args.named.is_empty() || args.named.iter().any(|part| defect.name.contains(part))
-    };
+    let is_wanted =
+        |defect: &Defect| named.is_empty() || named.iter().any(|part| defect.name.contains(part));
     let defects: Vec<Defect> = list.defect.into_iter().filter(is_wanted).collect();
     if defects.is_empty() {
-        return Err(Error::Sentence(format!("no defect is named {:?}", args.named)));
+        return Err(Error::Sentence(format!("no defect is named {named:?}")));
     }
-    let program = super::program(args)?;
     let copies = Copy::all()?;
     let parts: BTreeSet<String> = defects.iter().map(|defect| defect.part.clone()).collect();
     let sound: Vec<Trial> = parts
@@ -101,7 +99,7 @@ pub(super) fn run(args: &Args) -> Result<(), Error> {
         .map(|part| Trial { name: "without a defect".into(), part, edits: Vec::new() })
         .collect();
     if let Some(Outcome { caught_by: Some(failure), .. }) =
-        try_all(&copies, &program, sound).into_iter().find(|outcome| outcome.caught_by.is_some())
+        try_all(&copies, program, sound).into_iter().find(|outcome| outcome.caught_by.is_some())
     {
         return Err(Error::Sentence(format!("without a defect: {failure}")));
     }
@@ -109,12 +107,12 @@ pub(super) fn run(args: &Args) -> Result<(), Error> {
         .into_iter()
         .map(|Defect { name, part, edit }| Trial { name, part, edits: edit })
         .collect();
-    let outcomes = try_all(&copies, &program, trials);
+    let outcomes = try_all(&copies, program, trials);
     let caught = outcomes.iter().filter(|outcome| outcome.caught_by.is_some()).count();
     let tried = outcomes.len();
     let pass = caught == tried;
     let summary = Summary { defects: Counts { tried, caught }, outcomes, pass };
-    if args.json {
+    if is_json {
         println!("{}", serde_json::to_string(&summary).unwrap_or_default());
     } else {
         println!("{caught} of {tried} defects caught");
@@ -172,7 +170,7 @@ fn try_all(copies: &[Copy], program: &Path, trials: Vec<Trial>) -> Vec<Outcome> 
 fn first_failure(program: &Path, image: &Path, part: &str) -> Result<Option<String>, Error> {
     let mut command = run::command(program);
     command.arg(image);
-    if part == OTHER {
+    if part == other::PART {
         command.arg("--other").arg(image);
     }
     let output = command
@@ -225,7 +223,7 @@ impl Copy {
 
     /// Builds the image that a part runs.
     fn build(&self, part: &str) -> Result<PathBuf, Error> {
-        let options = if part == OTHER { other_options() } else { Options::default() };
+        let options = if part == other::PART { other::options() } else { Options::default() };
         let settings = [
             ("CARGO_PROFILE_CHIP_LTO", "off"),
             ("CARGO_PROFILE_CHIP_CODEGEN_UNITS", "16"),

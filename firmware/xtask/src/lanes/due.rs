@@ -1,4 +1,4 @@
-//! Which lanes are due, and why.
+//! The lanes that are due, and why.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;

@@ -77,10 +77,10 @@ impl<'a> Drive<'a> {
     /// # Errors
     /// When the network or the source of poses fails.
     pub fn step(&mut self, longest: Duration) -> Result<(), DriveError> {
-        if self.commanded != self.cockpit.wanted {
-            self.commanded = self.cockpit.wanted;
-            let (now, wanted) = (self.connection.now(), self.commanded);
-            self.record(now, |recorder| recorder.command(now, &wanted, "operator"));
+        if self.commanded != self.cockpit.setpoint {
+            self.commanded = self.cockpit.setpoint;
+            let (now, setpoint) = (self.connection.now(), self.commanded);
+            self.record(now, |recorder| recorder.command(now, &setpoint, "operator"));
         }
         self.connection.step(longest)?;
         let now = self.connection.now();

@@ -7,11 +7,11 @@ use std::process::ExitCode;
 use self::drive::{Drive, DriveError, Ending, Extras};
 use super::address::RobotArgs;
 use super::walk::{PoseArgs, record};
-use super::{Error, Exit};
 use flix_host::pose::any::Poses;
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::print;
 use flix_shell::stream::StreamArgs;
+use flix_shell::{Error, Exit};
 
 pub mod drive;
 

@@ -78,7 +78,7 @@ mod tests {
         let mut extras = Extras::default();
         let mut drive = Drive::new(&mut connection, "walker", &mut extras);
         let ended = run(&mut drive, &Server::that_fails(), &Interrupt::never());
-        let error = crate::Error::from(ended.unwrap_err());
-        assert_eq!(error.exit, crate::Exit::PageLost, "{error}");
+        let error = flix_shell::Error::from(ended.unwrap_err());
+        assert_eq!(error.exit, flix_shell::Exit::PageLost, "{error}");
     }
 }

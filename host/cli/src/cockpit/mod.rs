@@ -8,9 +8,9 @@ pub mod server;
 use std::net::SocketAddr;
 use std::process::ExitCode;
 
-use super::Error;
 use super::by_hand::ByHandArgs;
 use crate::cockpit::server::{ServeError, Server};
+use flix_shell::Error;
 use flix_shell::output::{complain, print};
 use flix_shell::stream::address;
 use qrcode::QrCode;

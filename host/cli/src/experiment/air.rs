@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
 
-use super::{Experimenter, Pair};
-use crate::Error;
+use super::experimenter::{Experimenter, Pair};
 use crate::address::RobotArgs;
 use crate::walk::{PoseArgs, RecordArgs, Walk};
 use flix_host::experiment::Sheet;
 use flix_host::experiment::air::{Air, AirSettings, COLUMNS, SHAKES, SLOWEST};
+use flix_shell::Error;
 use flix_shell::identification::POSE_PATIENCE;
 use flix_shell::number::whole;
 use flix_shell::time::duration;

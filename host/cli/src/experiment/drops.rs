@@ -7,10 +7,9 @@ use std::time::Duration;
 use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Report, comment};
+use super::experimenter::{Report, comment};
 use crate::address::RobotArgs;
 use crate::walk::PoseArgs;
-use crate::{Error, Exit};
 use flix_host::experiment::Sheet;
 use flix_host::experiment::drops::{COLUMNS, Drops, HEIGHT, HEIGHTS, NoDrop};
 use flix_host::nav::Stop;
@@ -20,6 +19,7 @@ use flix_host::system::interrupt::Interrupt;
 use flix_shell::identification::POSE_PATIENCE;
 use flix_shell::number::{parse_within, whole};
 use flix_shell::output::complain;
+use flix_shell::{Error, Exit};
 
 /// Time between two looks for poses.
 const SLICE: Duration = Duration::from_millis(1);

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use super::{Experimenter, Pair};
-use crate::Error;
+use super::experimenter::{Experimenter, Pair};
 use crate::address::RobotArgs;
 use crate::walk::{PoseArgs, RecordArgs, Walk};
 use flix_host::experiment::Sheet;
 use flix_host::experiment::walks::COLUMNS;
 use flix_host::nav::{Area, Identification, IdentificationSettings, ModeTable};
+use flix_shell::Error;
 use flix_shell::course::pairs;
 use flix_shell::identification::{settings, stretch};
 use flix_shell::number::whole;

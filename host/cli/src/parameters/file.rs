@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::unknown::no_setting;
 use flix_protocol::message::{Mark, Name, Parameter};
 
 use crate::status::Status;
@@ -107,7 +108,7 @@ pub(super) fn check(
     for (name, new) in wanted {
         let Some(parameter) = present.iter().find(|parameter| parameter.name == name.as_str())
         else {
-            problems.push(super::no_setting(name, present.iter().map(|it| it.name.as_str())));
+            problems.push(no_setting(name, present.iter().map(|it| it.name.as_str())));
             continue;
         };
         let minimum = bound(parameter, parameter.minimum, wanted, present);

@@ -1,6 +1,7 @@
 //! `flix parameters`: reads, changes and stores the settings of the robot.
 
 mod file;
+mod unknown;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -10,7 +11,6 @@ use flix_protocol::message::{Command, Mark, Name, Outcome, Parameter, ParameterC
 use flix_protocol::settings::description;
 
 use super::address::{RobotArgs, key_file};
-use super::{Error, Exit};
 use file::Change;
 use flix_host::link::LinkError;
 use flix_host::link::keys::KEY_FILE_VARIABLE;
@@ -19,7 +19,8 @@ use flix_host::system::interrupt::Interrupt;
 use flix_host::teleop::settings::Described;
 use flix_shell::number::in_unit;
 use flix_shell::output::{complain, headings, print, print_json, read_text, table, write_text};
-use flix_shell::suggestion::nearest;
+use flix_shell::{Error, Exit};
+use unknown::no_setting;
 
 /// Read, change and store the settings of the robot.
 #[derive(Debug, clap::Args)]
@@ -306,13 +307,6 @@ fn named(connection: &mut Connection, name: &Name, error: LinkError) -> Error {
     let LinkError::Refused(Refusal::UnknownParameter) = error else { return error.into() };
     let known = list(connection).unwrap_or_default();
     Error::usage(no_setting(name, known.iter().map(|it| it.name.as_str())))
-}
-
-/// Returns that there is no such setting, and which may be meant.
-fn no_setting<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
-    let meant =
-        nearest(name, known).map_or_else(|| ";".to_owned(), |it| format!(", did you mean `{it}`?"));
-    format!("the robot has no setting `{name}`{meant} `flix parameters list` shows all names")
 }
 
 /// Adds unit and value to a refusal for the setting's range.

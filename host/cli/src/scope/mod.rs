@@ -18,7 +18,6 @@ use serde::Serialize;
 
 use super::address::RobotArgs;
 use super::drive::{direction, frequency, give_up, stop};
-use super::{Error, Exit};
 use crate::teleop::terminal::{Screen, is_closed};
 use flix_host::link::udp::Connection;
 use flix_host::link::{LinkError, Update, is_reached};
@@ -30,6 +29,7 @@ use flix_host::teleop::action::Action;
 use flix_plot::Figure as _;
 use flix_shell::output::{headings, path_as_text, print, print_json, table, waiting};
 use flix_shell::time::positive_duration;
+use flix_shell::{Error, Exit};
 
 /// Interval of looks at a capture that is under way.
 const LOOK: Duration = Duration::from_millis(20);

@@ -1,5 +1,6 @@
 //! A capture in the terminal: one chart for each quantity.
 
+use flix_host::scope::Capture;
 use flix_protocol::message::Quantity;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -7,8 +8,6 @@ use ratatui::style::{Color, Style, Stylize};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, LegendPosition, Paragraph};
-
-use super::Capture;
 
 const COLOURS: [Color; 8] = [
     Color::Cyan,

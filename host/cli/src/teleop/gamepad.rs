@@ -121,7 +121,7 @@ impl Hand {
             self.drives = None;
         }
         // The robot rests although the stick commands: something let it rest.
-        let is_at_rest = cockpit.wanted == Setpoint::REST;
+        let is_at_rest = cockpit.setpoint == Setpoint::REST;
         if self.drives.is_some_and(|(_, since)| now.since(since) > SETTLED && is_at_rest) {
             actions.extend(self.release());
         }
@@ -369,7 +369,7 @@ mod tests {
         let (mut hand, mut cockpit) = (Hand::default(), cockpit(State::Running));
         hand.read(Some(&Reading::default()), &cockpit, at(0));
         hand.read(Some(&AHEAD), &cockpit, at(10));
-        cockpit.wanted = Mode::Forward.setpoint();
+        cockpit.setpoint = Mode::Forward.setpoint();
         let slack = Reading { up: 0.39, ..AHEAD };
         assert_eq!(hand.read(Some(&slack), &cockpit, at(20)), [Action::Rest]);
         assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(30)), [Action::Walk(Mode::Forward)]);
@@ -383,7 +383,7 @@ mod tests {
         let (mut hand, mut cockpit) = (Hand::default(), cockpit(State::Running));
         hand.read(Some(&Reading::default()), &cockpit, at(0));
         hand.read(Some(&AHEAD), &cockpit, at(10));
-        cockpit.wanted = Setpoint::REST;
+        cockpit.setpoint = Setpoint::REST;
         assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(410)), []);
         assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(411)), [Action::Rest]);
         let aside = Reading { right: -1.0, up: 0.0, ..AHEAD };
@@ -422,7 +422,7 @@ mod tests {
         let still = Reading::default();
         let left = Reading { right: -1.0, ..still };
         let mut read = |readings: [Option<Reading>; 2], is_walking: bool, time| {
-            cockpit.wanted = if is_walking { Mode::Forward.setpoint() } else { Setpoint::REST };
+            cockpit.setpoint = if is_walking { Mode::Forward.setpoint() } else { Setpoint::REST };
             let pads = [0, 1].map(|id| Pad { id, reading: readings[id], is_pressed: false });
             hands.read(&pads, true, &cockpit, at(time))
         };
@@ -504,7 +504,7 @@ mod tests {
     #[test]
     fn a_gamepad_that_shows_the_same_for_ever_has_no_hand_on_it() {
         let (mut hands, mut cockpit) = (Hands::default(), cockpit(State::Running));
-        cockpit.wanted = Mode::Forward.setpoint();
+        cockpit.setpoint = Mode::Forward.setpoint();
         let mut is_touched = |reading, time| {
             hands.read(
                 &[Pad { id: 0, reading: Some(reading), is_pressed: false }],

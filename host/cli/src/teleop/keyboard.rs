@@ -127,7 +127,7 @@ pub struct Typed {
     pub dropped: usize,
 }
 
-/// Tells typing from text: pasted into a terminal that does not mark it, held back while a network stood still, or the answer
+/// Distinguishes typing from text: pasted into a terminal that does not mark it, held back while a network stood still, or the answer
 /// to somebody else's question. A hand leaves time between two keys. What lets the robot rest or stop is obeyed in any case.
 #[derive(Debug, Clone, Default)]
 pub struct Typing {

@@ -12,8 +12,8 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use self::screen::ScreenError;
-use super::Error;
 use super::by_hand::ByHandArgs;
+use flix_shell::Error;
 
 /// Range of the time after which a robot rests without a key.
 const SHORTEST_PATIENCE: Duration = Duration::from_secs(1);

@@ -245,7 +245,7 @@ fn gauge_lines(cockpit: &Cockpit, telemetry: &Telemetry, width: usize) -> Vec<Li
         Line::from(spans)
     };
     let (most_f, most_theta) = (MAXIMUM_FREQUENCY.get(), MAXIMUM_DIRECTION.get());
-    let wanted = cockpit.wanted;
+    let setpoint = cockpit.setpoint;
     let current = |name: &str, current: f32, color: Color| {
         let share = current / cockpit.current_limit;
         let color = if share > 0.9 { Color::Red } else { color };
@@ -259,12 +259,12 @@ fn gauge_lines(cockpit: &Cockpit, telemetry: &Telemetry, width: usize) -> Vec<Li
     vec![
         row(
             "f",
-            centred(frequency / most_f, wanted.frequency().get() / most_f, bar, FORCE),
+            centred(frequency / most_f, setpoint.frequency().get() / most_f, bar, FORCE),
             format!("{} Hz", signed(frequency, 2)),
         ),
         row(
             "theta",
-            centred(direction / most_theta, wanted.direction().get() / most_theta, bar, FORCE),
+            centred(direction / most_theta, setpoint.direction().get() / most_theta, bar, FORCE),
             format!("{} deg", signed(direction, 1)),
         ),
         current("top", currents[0], TOP_ROTOR),

@@ -24,9 +24,9 @@ use super::Pose;
 /// Default port of a server for commands.
 pub const COMMAND_PORT: u16 = 1510;
 /// Default port for poses.
-pub const DATA_PORT: u16 = 1511;
+pub(crate) const DATA_PORT: u16 = 1511;
 /// Default multicast group.
-pub const MULTICAST_GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 42, 99);
+pub(crate) const MULTICAST_GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 42, 99);
 
 /// Motive's axis that points up (its streaming setting "Up Axis").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

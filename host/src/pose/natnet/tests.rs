@@ -10,6 +10,7 @@ use natnet::{PlannedBody, SyntheticServer, Version};
 use super::*;
 use crate::pose::geometry::PlanarPose;
 use crate::pose::{PoseSample, PoseSource};
+use crate::system::AtEnd;
 
 const LAYOUTS: [Version; 4] = [
     Version::new(3, 0, 0, 0),
@@ -314,15 +315,6 @@ const MOTIVE: Motive = Motive {
     bodies: &[("flix-walker", 3)],
 };
 
-/// Ends a server, also when its client panics.
-struct AtEnd<'a>(&'a AtomicBool);
-
-impl Drop for AtEnd<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
 fn packet(id: u16, payload: &[u8]) -> Vec<u8> {
     [&id.to_le_bytes()[..], &(payload.len() as u16).to_le_bytes(), payload].concat()
 }
@@ -448,6 +440,7 @@ impl Motive {
                     }
                 }
             });
+            // Ends the server, also when its client panics.
             let _end = AtEnd(&done);
             client(address)
         })
@@ -477,11 +470,11 @@ fn a_newer_motive_is_asked_for_what_is_understood() {
 fn a_motive_that_ignores_the_wish_is_not_followed() {
     let said = Motive { minor: 3, grants: false, ..MOTIVE }.refuses(Body::Only);
     assert!(said.contains("speaks NatNet 4.3") && said.contains("asked for 4.1"), "{said}");
-    // Where the descriptions are alike, the frames tell.
+    // Where the descriptions are alike, the frames decide.
     let motive = Motive { grants: false, describes_anew: false, ..MOTIVE };
     let said = motive.refuses(Body::Only);
     assert!(said.contains("speaks NatNet 4.2") && said.contains("asked for 4.1"), "{said}");
-    // Where no frames come, the descriptions tell.
+    // Where no frames come, the descriptions decide.
     let said = Motive { grants: false, is_paused: true, ..MOTIVE }.refuses(Body::Only);
     assert!(said.contains("speaks NatNet 4.2") && said.contains("asked for 4.1"), "{said}");
 }

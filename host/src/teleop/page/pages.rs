@@ -194,7 +194,7 @@ impl Pages {
         let silence = now.since(driver.seen);
         if silence > SIGN_OF_LIFE && !driver.is_silent {
             driver.is_silent = true;
-            if cockpit.wanted != Setpoint::REST {
+            if cockpit.setpoint != Setpoint::REST {
                 rest(cockpit, client, now);
                 let text = "the page that drives is hidden, or too slow: the robot rests";
                 cockpit.note(now, Weight::Warning, text);
@@ -208,7 +208,7 @@ impl Pages {
 }
 
 fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
-    if cockpit.wanted != Setpoint::REST {
+    if cockpit.setpoint != Setpoint::REST {
         cockpit.act(Action::Rest, client, now);
     }
 }

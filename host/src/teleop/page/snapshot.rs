@@ -95,7 +95,7 @@ pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> Value {
         "pages": pages.count(),
         "robot": cockpit.identity.as_ref().map_or(cockpit.robot.as_str(), |it| it.name.as_str()),
         "link": link(cockpit),
-        "wanted": [cockpit.wanted.frequency().get(), cockpit.wanted.direction().get()],
+        "wanted": [cockpit.setpoint.frequency().get(), cockpit.setpoint.direction().get()],
         "stopping": cockpit.is_stopping,
         "presses": pages.presses(),
         "is_unrecorded": cockpit.is_unrecorded,

@@ -607,7 +607,7 @@ pub fn constant(index: u8) -> i32 {
     SIGNED[usize::from(index & 15)]
 }
 
-/// The same, of the unsigned branches.
+/// Returns the same of the unsigned branches.
 #[must_use]
 pub fn unsigned_constant(index: u8) -> u32 {
     UNSIGNED[usize::from(index & 15)].cast_unsigned()

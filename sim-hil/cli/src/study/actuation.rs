@@ -2,9 +2,9 @@
 
 use std::process::ExitCode;
 
-use super::{RunArgs, show};
-use crate::Error;
+use super::options::{RunArgs, show};
 use crate::arguments::ModelArgs;
+use crate::error::Error;
 use flix_study::actuation::Actuation;
 
 /// Compute force and torque of the shaker over frequency and over one turn, the body held

@@ -3,10 +3,10 @@
 use std::process::ExitCode;
 use std::time::Instant;
 
-use clap::Parser;
+use clap::{Parser, Subcommand};
 
-use crate::Error;
 use crate::arguments::PaperModelArgs;
+use crate::error::Error;
 use crate::output::print;
 
 /// Run every study
@@ -23,9 +23,9 @@ pub struct Args {
 }
 
 #[derive(Debug, Parser)]
-struct Line {
+struct Line<C: Subcommand> {
     #[command(subcommand)]
-    command: super::Command,
+    command: C,
 }
 
 /// The studies, as they are typed; the bool is set for those that walk and know `--quick`.
@@ -39,11 +39,14 @@ const STUDIES: [(&str, bool); 7] = [
     ("select --statements", true),
 ];
 
-/// Runs the command.
+/// Runs every study by `run`, which takes one of the commands `C`.
 ///
 /// # Errors
 /// Of the first study that fails.
-pub fn run(args: &Args) -> Result<ExitCode, Error> {
+pub(super) fn run<C: Subcommand>(
+    args: &Args,
+    run: impl Fn(&C) -> Result<ExitCode, Error>,
+) -> Result<ExitCode, Error> {
     let start = Instant::now();
     let quick = |walks: bool| if args.quick && walks { " --quick" } else { "" };
     let mut lines: Vec<String> =
@@ -55,8 +58,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         print(&format!("\n== flix-sim study {line} --model {}\n\n", args.model.model))?;
         let words =
             ["study"].into_iter().chain(line.split(' ')).chain(["--model", &args.model.model]);
-        let parsed = Line::try_parse_from(words).map_err(Error::refused)?;
-        super::run_command(&parsed.command)?;
+        let parsed = Line::<C>::try_parse_from(words).map_err(Error::refused)?;
+        run(&parsed.command)?;
     }
     print(&format!("\nall studies took {:.0} s\n", start.elapsed().as_secs_f64()))?;
     Ok(ExitCode::SUCCESS)

@@ -9,9 +9,9 @@ use flix_shell::number::{parse_within, whole};
 use flix_shell::output::print_json;
 use serde::Serialize;
 
-use super::{judged, listen};
-use crate::Error;
+use super::options::{judged, listen, parse_scatter};
 use crate::arguments::{ModelArgs, parse_step, parse_time};
+use crate::error::Error;
 use crate::output::{print, progress, row, table};
 use flix_sim::experiment::walk::WalkDrive;
 use flix_sim::model::RobotModel;
@@ -74,7 +74,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u16>(1..=1000))]
     samples: u16,
     /// How far every number of the model scatters, as a share
-    #[arg(long, value_name = "SHARE", default_value_t = 0.02, value_parser = super::parse_scatter)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.02, value_parser = parse_scatter)]
     scatter: f64,
     /// Steps of the simulation, taken in turn
     #[arg(long, value_name = "TIMES", value_delimiter = ',', default_values = ["0.1ms", "0.05ms"], value_parser = parse_step)]

@@ -8,9 +8,9 @@ use flix_shell::course::load_experience;
 use flix_shell::number::whole;
 use serde::Serialize;
 
-use super::{RunArgs, show};
-use crate::Error;
+use super::options::{RunArgs, show};
 use crate::arguments::ModelArgs;
+use crate::error::Error;
 use crate::output::print;
 use flix_sim::experiment::walk::require_walker;
 use flix_sim::rig::mode_table::shipped_table;

@@ -7,8 +7,8 @@ use std::process::ExitCode;
 use flix_plot::{Chart, Figure, Panel, Series, Stroke, colour};
 use serde::Serialize;
 
-use crate::Error;
 use crate::arguments::{ModelArgs, parse_leg};
+use crate::error::Error;
 use crate::output::{print, print_figures, progress, row, table};
 use flix_sim::experiment::probe::Gravity;
 use flix_study::leg::{

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use super::{judged, show};
-use crate::Error;
+use super::options::{judged, show};
+use crate::error::Error;
 
 /// Join the results of all slices of a study and draw its figures
 #[derive(Debug, clap::Args)]

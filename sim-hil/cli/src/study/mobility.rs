@@ -7,8 +7,8 @@ use flix_plot::{Figure, Series, Track, colour};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 
-use super::{SweepArgs, show};
-use crate::Error;
+use super::options::{SweepArgs, show};
+use crate::error::Error;
 use crate::output::{headings, print, print_figures, row, table};
 use flix_sim::experiment::walk::{Shaking, Spread, Walk, walk};
 use flix_study::figure::axis;

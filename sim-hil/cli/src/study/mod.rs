@@ -7,27 +7,17 @@ pub mod controllers;
 pub mod leg;
 pub mod merge;
 pub mod mobility;
+mod options;
 pub mod select;
 pub mod sensitivity;
 pub mod sysid;
 
-use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Duration;
 
 use clap::Subcommand;
-use flix_host::system::interrupt::Interrupt;
-use flix_protocol::message::MAXIMUM_FREQUENCY;
-use flix_shell::number::{parse_within, whole};
 
-use super::Error;
-use super::arguments::{PaperModelArgs, parse_step, parse_time};
-use super::output::{complain, print};
-use flix_sim::experiment::walk::{Shaking, WalkDrive, require_walker};
-use flix_sim::model::RobotModel;
-use flix_sim::rig::bench::{DIRECTIONS, FREQUENCIES};
-use flix_study::sweep::{Sweep, Variant, grid_of};
-use flix_study::{Options, Shard, Study, Table, figure};
+pub use self::options::{RunArgs, SweepArgs, listen};
+use super::error::Error;
 
 /// Repeat the paper's studies, one command each
 #[derive(Debug, clap::Args)]
@@ -79,203 +69,6 @@ fn run_command(command: &Command) -> Result<ExitCode, Error> {
         Command::Sysid(args) => sysid::run(args),
         Command::Controllers(args) => controllers::run(args),
         Command::Merge(args) => merge::run(args),
-        Command::All(args) => all::run(args),
-    }
-}
-
-/// Returns the rows of a study's table that can be judged, and says which simulations failed.
-///
-/// # Errors
-/// When all of them failed.
-fn judged(table: &Table) -> Result<Table, Error> {
-    let (succeeded, failures) = table.succeeded();
-    let Some(first) = failures.first() else { return Ok(succeeded) };
-    let (failed, all) = (failures.len(), table.rows.len());
-    if failed == all {
-        return Err(Error::refused(format!("all {all} simulations failed, the first: {first}")));
-    }
-    complain(format!(
-        "{failed} of {all} simulations failed and are left out of figures and verdicts; the table says why in its column failure. \
-         The first: {first}"
-    ));
-    Ok(succeeded)
-}
-
-/// Draws the figures of a table and prints where everything is.
-fn show(table: &Table, folder: &Path) -> Result<(), Error> {
-    print(&format!("{} rows  {}\n", table.rows.len(), folder.join("results.parquet").display()))?;
-    for written in figure::draw(table, folder)? {
-        print(&format!("figure  {}\n", written.png.display()))?;
-    }
-    Ok(())
-}
-
-/// Digits of the fingerprint in the name of a folder.
-const FOLDER_HASH: usize = 8;
-
-/// Where a study is kept, and which part of it is computed.
-#[derive(Debug, Clone, clap::Args)]
-pub struct RunArgs {
-    /// Compute this slice of the cells only; `flix-sim study merge` joins slices
-    #[arg(long, value_name = "I/N", default_value_t = Shard::WHOLE)]
-    pub shard: Shard,
-    /// Folder for cells, table and figure [default: one for each study and its parameters, under out/study]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Forget what an earlier run left there
-    #[arg(long)]
-    pub restart: bool,
-}
-
-impl RunArgs {
-    /// Returns where this study is kept.
-    #[must_use]
-    pub fn folder(&self, study: &dyn Study) -> PathBuf {
-        self.out.clone().unwrap_or_else(|| {
-            // The hash tells apart what the label does not.
-            let hash = study.fingerprint().to_string();
-            let label = study.label().replace(|c: char| !c.is_alphanumeric() && c != '.', "-");
-            PathBuf::from("out/study")
-                .join(study.name())
-                .join(format!("{label}-{}", &hash[..FOLDER_HASH]))
-        })
-    }
-
-    /// Computes what is missing of the slice. None, after saying what is next, when that is not the whole.
-    ///
-    /// # Errors
-    /// When the study did not end; finished cells are kept.
-    pub fn run(&self, study: &dyn Study) -> Result<Option<Table>, Error> {
-        let options = Options {
-            folder: self.folder(study),
-            shard: self.shard,
-            restart: self.restart,
-            interrupt: listen()?,
-        };
-        let table = flix_study::run(study, &options)?;
-        if self.shard == Shard::WHOLE {
-            return judged(&table).map(Some);
-        }
-        print(&format!(
-            "slice {} of {} is in {}; when all are there: flix-sim study merge {}/results-*.parquet\n",
-            self.shard,
-            study.name(),
-            options.folder.display(),
-            options.folder.display()
-        ))?;
-        Ok(None)
-    }
-}
-
-/// Listens for Ctrl-C.
-///
-/// # Errors
-/// When the system refuses.
-pub fn listen() -> Result<Interrupt, Error> {
-    Interrupt::listen().map_err(|error| Error::refused(format!("cannot listen to Ctrl-C: {error}")))
-}
-
-/// How the robot is walked in a study.
-#[derive(Debug, Clone, clap::Args)]
-pub struct SweepArgs {
-    /// Robot.
-    #[command(flatten)]
-    pub model: PaperModelArgs,
-    /// Walks of each pair, each with its start disturbed by up to 1 mm
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = whole::<u64>(1..=100_000))]
-    pub seeds: u64,
-    /// The first seed
-    #[arg(long, value_name = "S", default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
-    pub first_seed: u64,
-    /// Time of a walk
-    #[arg(long, value_name = "TIME", default_value = "8s", value_parser = parse_time)]
-    pub seconds: Duration,
-    /// What turns the rotors
-    #[arg(long, value_enum, default_value_t = WalkDrive::Ideal)]
-    pub drive: WalkDrive,
-    /// Step of the ideal drive; the firmware's is its own 0.1 ms
-    #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_step)]
-    pub step: Duration,
-    /// Scatter every number of the model by this share, anew for each seed, for example 0.02
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = parse_scatter)]
-    pub scatter: f64,
-    /// Frequencies of the grid, Hz, -120 to 120; above 35 with the ideal drive [default: -35,-30,-20,-10,10,20,30,35]
-    #[arg(long, value_name = "HZ", value_delimiter = ',', allow_hyphen_values = true, value_parser = parse_frequency)]
-    pub frequencies: Vec<f64>,
-    /// Directions of the grid, degrees, -90 to 90 [default: -90,-60,-30,0,30,60,90]
-    #[arg(long, value_name = "DEG", value_delimiter = ',', allow_hyphen_values = true, value_parser = parse_direction)]
-    pub directions: Vec<f64>,
-    /// Read f and theta as the paper's equations state them (left, counter-clockwise), not its text
-    #[arg(long)]
-    pub mirrored: bool,
-    /// Take a first look: one short, coarse walk of each pair
-    #[arg(long)]
-    pub quick: bool,
-    /// Folder and slice.
-    #[command(flatten)]
-    pub run: RunArgs,
-}
-
-fn parse_frequency(text: &str) -> Result<f64, String> {
-    parse_within(text, -Shaking::FASTEST_HZ..=Shaking::FASTEST_HZ, "frequency", " Hz")
-}
-
-fn parse_direction(text: &str) -> Result<f64, String> {
-    parse_within(text, -90.0..=90.0, "direction", " degrees")
-}
-
-/// A share by which numbers may scatter.
-fn parse_scatter(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.0..=0.2, "share", "")
-}
-
-impl SweepArgs {
-    /// Returns the model, which has to walk as the options ask.
-    ///
-    /// # Errors
-    /// When it is refused or has no legs, or the firmware is to shake faster than it can.
-    pub fn model(&self) -> Result<RobotModel, Error> {
-        let model = self.model.load()?;
-        require_walker(&model)?;
-        let fastest = f64::from(MAXIMUM_FREQUENCY.get());
-        let too_fast = self.frequencies.iter().find(|f| f.abs() > fastest);
-        if let Some(f) = too_fast.filter(|_| self.drive == WalkDrive::Firmware) {
-            return Err(Error::refused(format!(
-                "--frequencies {f}: the firmware shakes at up to {fastest} Hz; take --drive ideal"
-            )));
-        }
-        Ok(model)
-    }
-
-    /// Returns the pairs of the grid.
-    #[must_use]
-    pub fn grid(&self) -> Vec<(f64, f64)> {
-        let or = |given: &[f64], usual: &[f64]| {
-            if given.is_empty() { usual.to_vec() } else { given.to_vec() }
-        };
-        grid_of(&or(&self.frequencies, &FREQUENCIES), &or(&self.directions, &DIRECTIONS))
-    }
-
-    /// Returns the walks of these variants.
-    #[must_use]
-    pub fn sweep(
-        &self,
-        name: &'static str,
-        variants: Vec<Variant>,
-        pairs: Vec<(f64, f64)>,
-    ) -> Sweep {
-        let sweep = Sweep {
-            name,
-            variants,
-            pairs,
-            seeds: self.seeds,
-            first_seed: self.first_seed,
-            seconds: self.seconds.as_secs_f64(),
-            step: self.step.as_secs_f64(),
-            drive: self.drive,
-            scatter: self.scatter,
-            mirrored: self.mirrored,
-        };
-        if self.quick { Sweep { seeds: 1, seconds: 0.5, step: 5e-4, ..sweep } } else { sweep }
+        Command::All(args) => all::run(args, |command: &Command| run_command(command)),
     }
 }

@@ -8,8 +8,9 @@ use flix_host::nav::ModeTableError;
 use flix_plot::Figure;
 use serde::Serialize;
 
-use super::{SweepArgs, sensitivity};
-use crate::Error;
+use super::options::SweepArgs;
+use super::sensitivity;
+use crate::error::Error;
 
 use crate::output::{headings, print, print_figures, row, table};
 use flix_sim::experiment::walk::Spread;

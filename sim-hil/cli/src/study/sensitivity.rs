@@ -2,8 +2,8 @@
 
 use std::process::ExitCode;
 
-use super::{SweepArgs, show};
-use crate::Error;
+use super::options::{SweepArgs, show};
+use crate::error::Error;
 use flix_sim::model::RobotModel;
 use flix_study::sensitivity::{Change, variants};
 use flix_study::sweep::Sweep;

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use flix_shell::number::whole;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
-use crate::Error;
 use crate::arguments::ModelArgs;
+use crate::error::Error;
 use crate::output::{mark, print, print_figures, progress, row, table};
 use flix_study::calibrate::write_model;
 use flix_study::sysid::synthetic::{

@@ -14,7 +14,7 @@ use flix_firmware::hardware::{CurrentSense, Hardware};
 use flix_firmware::settings::Settings;
 use serde::{Deserialize, Serialize};
 
-use super::{ModelError, exactly};
+use super::error::{ModelError, exactly};
 
 /// The board of the simulated robot: DengFOC V3.01 (bridges that coast, current sense both ways) with a
 /// battery divider of 100 and 22 kiloohms added.

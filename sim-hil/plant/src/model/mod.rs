@@ -10,21 +10,27 @@
 //! The paper's error set X is here as `body.total_mass_g`, `body.offset_x_mm`, `body.offset_y_mm` and, per
 //! leg, four factors on stiffness and damping and the tangential friction.
 
-use serde::de::Error as _;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
 pub mod electrical;
+mod error;
 pub mod links;
 pub mod mjcf;
+mod named;
 mod random;
 mod scatter;
+mod shipped;
 mod stranger;
 pub mod urdf;
 mod xml;
 
 pub use electrical::{Electrical, SIMULATED_BOARD};
+pub use error::ModelError;
+use error::exactly;
+pub use named::STRANGERS_PLAN;
 pub use random::random;
 pub use scatter::scattered;
+pub use shipped::NAMES;
 pub use stranger::{STEEPEST_DEG, STRANGERS, stranger};
 
 /// The four legs, in the order of every array in this crate.
@@ -32,72 +38,6 @@ pub const LEGS: [&str; 4] = ["fl", "fr", "rl", "rr"];
 
 /// Standard gravity, m/s^2 (the paper's simulator's value).
 pub const GRAVITY: f64 = 9.81;
-
-/// Why a model is refused.
-#[derive(Debug, thiserror::Error)]
-pub enum ModelError {
-    /// Not TOML, an unknown key, a missing one or one of the wrong type.
-    #[error("the model does not read: {0}")]
-    Syntax(#[from] toml::de::Error),
-    /// A value outside its range.
-    #[error(
-        "{key} = {value} is outside {low} .. {high}: give it in the unit that its name ends in"
-    )]
-    OutOfRange {
-        /// Path of the key in the file.
-        key: String,
-        /// What was given.
-        value: f64,
-        /// Lowest allowed.
-        low: f64,
-        /// Highest allowed.
-        high: f64,
-    },
-    /// Values that cannot be true together.
-    #[error("{key} = {value}: {reason}")]
-    Impossible {
-        /// Path of the key in the file.
-        key: String,
-        /// What was given.
-        value: f64,
-        /// What it contradicts.
-        reason: String,
-    },
-    /// A setting of the robot's software that it would refuse.
-    #[error("{key} = {value}: {reason}; `flix parameters list` shows all with their ranges")]
-    Setting {
-        /// Path of the key in the file.
-        key: String,
-        /// What was given.
-        value: f64,
-        /// What the software says.
-        reason: String,
-    },
-    /// A file whose model is refused.
-    #[error("{file}: {error}")]
-    File {
-        /// Names the file.
-        file: String,
-        /// Why.
-        error: Box<ModelError>,
-    },
-    /// Asked to walk.
-    #[error(
-        "the model {name} has no legs or does not stand free: choose one that can walk, for example A or W"
-    )]
-    NoWalker {
-        /// Name of the model.
-        name: String,
-    },
-    /// No such file and no such name.
-    #[error("cannot read the model {name}: {error}; give a TOML file or one of {}, random-SEED, stranger-SEED", NAMES.join(", "))]
-    NotFound {
-        /// What was asked for.
-        name: String,
-        /// What the system said.
-        error: std::io::Error,
-    },
-}
 
 /// How the body's origin may move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -383,32 +323,6 @@ pub struct RobotModel {
     pub load: Vec<Load>,
 }
 
-/// Reads exactly `COUNT` numbers: a longer list has another meaning than the one it is read with.
-fn exactly<'de, D: Deserializer<'de>, const COUNT: usize>(
-    deserializer: D,
-) -> Result<[f64; COUNT], D::Error> {
-    let numbers = Vec::<f64>::deserialize(deserializer)?;
-    let given = numbers.len();
-    numbers
-        .try_into()
-        .map_err(|_| D::Error::custom(format!("{given} numbers where {COUNT} are meant")))
-}
-
-/// Names of the models that come with the program.
-pub const NAMES: [&str; 6] = ["A", "W", "calibrated", "flix", "bench-fixed", "bench-planar"];
-
-/// The model that a stranger is when it is asked for by name.
-pub const STRANGERS_PLAN: &str = "W";
-
-const SHIPPED: [&str; 6] = [
-    include_str!("../../../models/A.toml"),
-    include_str!("../../../models/W.toml"),
-    include_str!("../../../models/calibrated.toml"),
-    include_str!("../../../models/flix.toml"),
-    include_str!("../../../models/bench-fixed.toml"),
-    include_str!("../../../models/bench-planar.toml"),
-];
-
 impl RobotModel {
     /// Reads and checks a model.
     ///
@@ -418,27 +332,6 @@ impl RobotModel {
         let model: Self = toml::from_str(text)?;
         model.check()?;
         Ok(model)
-    }
-
-    /// Takes a shipped model by name, draws a random one (`random-7`) or a changed W ([`stranger`], `stranger-7`), or
-    /// reads a file.
-    ///
-    /// # Errors
-    /// As [`RobotModel::from_toml`] with the name of the file, or that there is no such file.
-    pub fn named(name: &str) -> Result<Self, ModelError> {
-        if let Some(i) = NAMES.iter().position(|n| *n == name) {
-            return Self::from_toml(SHIPPED[i]);
-        }
-        if let Some(seed) = random::seed_of(name) {
-            return Ok(random(seed));
-        }
-        if let Some(seed) = stranger::seed_of(name) {
-            return Ok(stranger(&Self::named(STRANGERS_PLAN)?, seed));
-        }
-        let text = flix_host::system::file::read_text(name.as_ref())
-            .map_err(|error| ModelError::NotFound { name: name.to_owned(), error })?;
-        Self::from_toml(&text)
-            .map_err(|error| ModelError::File { file: name.to_owned(), error: Box::new(error) })
     }
 
     /// Returns the acceleration of free fall along the axes of the world, whose z is the floor's normal, m/s^2.

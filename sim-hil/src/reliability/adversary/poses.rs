@@ -37,7 +37,7 @@ enum Trick {
     Creeps,
 }
 
-/// What came of it.
+/// Result of an attack on the poses.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Account {
     pub(super) forged: u64,

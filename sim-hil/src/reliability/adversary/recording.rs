@@ -33,7 +33,7 @@ const STEP: Duration = SESSION_EXPIRY.saturating_sub(Duration::from_secs(1));
 /// Time that is recorded: past a renewal.
 const RECORDED: Duration = SESSION_RENEWAL.saturating_add(Duration::from_secs(60));
 
-/// What came of all recordings.
+/// Result of all recordings.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Account {
     /// Sealed datagrams that were recorded.

@@ -37,7 +37,7 @@ const FORGED_PER_MS: u32 = 4;
 /// Time that an operator may take to connect meanwhile.
 const CONNECTED_WITHIN: Duration = Duration::from_secs(1);
 
-/// What came of one kind.
+/// Result of one kind of siege.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Account {
     pub(super) kind: Kind,

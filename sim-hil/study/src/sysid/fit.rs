@@ -141,7 +141,7 @@ impl<'a> Fit<'a> {
         Self { base, unknowns, blocks: Vec::new(), posterior }
     }
 
-    /// What is known so far.
+    /// Returns what is known so far.
     #[must_use]
     pub fn posterior(&self) -> &Posterior {
         &self.posterior
@@ -340,7 +340,7 @@ impl<'a> Fit<'a> {
         change
     }
 
-    /// How each experiment fits.
+    /// Returns how each experiment fits.
     #[must_use]
     pub fn fitted(&self) -> Vec<Fitted> {
         let each = self.blocks.iter().map(|block| {

@@ -22,6 +22,7 @@ pub mod drops;
 pub mod ensemble;
 pub mod fit;
 pub mod legs;
+mod planned;
 pub mod report;
 pub mod scales;
 pub mod synthetic;
@@ -130,7 +131,7 @@ impl Data {
         }
     }
 
-    /// Those of [`EXPERIMENTS`] that there are.
+    /// Returns which of [`EXPERIMENTS`] there are.
     #[must_use]
     pub fn given(&self) -> [bool; 6] {
         [
@@ -336,7 +337,7 @@ fn estimates(unknowns: &[Unknown], posterior: &Posterior) -> Vec<Estimate> {
 ///
 /// # Errors
 /// When the model is refused.
-pub fn centre_of_mass(model: &RobotModel) -> Result<[f64; 3], ModelError> {
+pub(crate) fn centre_of_mass(model: &RobotModel) -> Result<[f64; 3], ModelError> {
     let plant = Plant::new(model)?;
     let (_, centre, _) = plant.mass_properties();
     Ok(core::array::from_fn(|i| 1e3 * (centre[i] - plant.body().position[i])))
@@ -378,10 +379,10 @@ fn proposals(
 ) -> Result<Vec<Proposal>, SysidError> {
     let (base, unknowns) = robot;
     let planned: [Box<dyn Experiment>; 4] = [
-        Box::new(synthetic::planned_scales()),
-        Box::new(synthetic::planned_legs()),
+        Box::new(planned::planned_scales()),
+        Box::new(planned::planned_legs()),
         Box::new(air::Air::planned(&air::USUAL)),
-        Box::new(synthetic::planned_drag()),
+        Box::new(planned::planned_drag()),
     ];
     let given = data.given();
     let proposal = |index: usize, next: &Posterior| {

@@ -20,7 +20,7 @@ macro_rules! row {
     ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
 }
 
-/// Every value with its interval.
+/// Returns every value with its interval.
 #[must_use]
 pub fn values(found: &Identified) -> Rows {
     let mut rows = vec![row!["", "plan", "identified", "from", "to (95 %)"]];
@@ -31,7 +31,7 @@ pub fn values(found: &Identified) -> Rows {
     rows
 }
 
-/// What each experiment left of the plan's uncertainty.
+/// Returns what each experiment left of the plan's uncertainty.
 #[must_use]
 pub fn stages(found: &Identified) -> Rows {
     let mut rows = vec![head("left after")];
@@ -43,7 +43,7 @@ pub fn stages(found: &Identified) -> Rows {
     rows
 }
 
-/// What further experiments would bring, those that bring nothing left out.
+/// Returns what further experiments would bring, those that bring nothing left out.
 #[must_use]
 pub fn proposals(found: &Identified) -> Rows {
     let mut rows = vec![head("one more")];
@@ -122,7 +122,7 @@ pub fn remarks(found: &Identified) -> Vec<String> {
         let worst = it.noise.iter().zip(&it.guess).map(|(n, g)| n / g).fold(0.0, f64::max);
         if worst > NOISY {
             all.push(format!(
-                "{}.csv scatters {worst:.0} times as much as good sensors do: it tells little. Check units, axes and the plan.",
+                "{}.csv scatters {worst:.0} times as much as good sensors do: it shows little. Check units, axes and the plan.",
                 it.name
             ));
         }
@@ -152,7 +152,7 @@ impl Estimate {
     }
 }
 
-/// What is said at the head of the model's file: every value with its interval.
+/// Returns the head of the model's file: every value with its interval.
 #[must_use]
 pub fn origin(found: &Identified, plan: &str, folder: &str) -> String {
     format!(
@@ -180,7 +180,7 @@ pub fn html(found: &Identified, folder: &str) -> String {
         intervals(found).svg(),
     );
     section(
-        "What each experiment told",
+        "What each experiment showed",
         "Standard deviation of a value of each kind, as a share of what the plan leaves open.",
         html_table(&stages(found)),
     );

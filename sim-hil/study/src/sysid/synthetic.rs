@@ -12,6 +12,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
 use super::fit::{Experiment, GAIN};
+use super::planned::{drag_rows, leg_rows, planned_drag, planned_legs, planned_scales};
 use super::unknowns::Kind;
 use super::{Data, Identified, SysidError, air, centre_of_mass, drag, drops, identify, legs};
 use super::{scales, truth, walks};
@@ -19,39 +20,6 @@ use crate::write_whole;
 use flix_sim::experiment::probe::ProbeError;
 use flix_sim::experiment::walk::{ideal_motion, require_walker};
 use flix_sim::model::{Load, RobotModel};
-
-/// Returns weighings that nobody has made yet.
-#[must_use]
-pub fn planned_scales() -> scales::Scales {
-    let rows = scales::USUAL.map(|[roll, pitch]| [roll, pitch, 0.0, 0.0, 0.0, 0.0]);
-    scales::Scales::new(&rows)
-}
-
-/// Returns tests of all legs that nobody has made yet.
-#[must_use]
-pub fn planned_legs() -> legs::Legs {
-    legs::Legs::new(&leg_rows())
-}
-
-fn leg_rows() -> Vec<Vec<f64>> {
-    let row = |leg: usize, load: &[f64; 6]| [&[leg as f64], load.as_slice(), &[0.0; 6]].concat();
-    (0..4).flat_map(|leg| legs::USUAL.iter().map(move |load| row(leg, load))).collect()
-}
-
-/// Returns drags of all feet that nobody has made yet.
-#[must_use]
-pub fn planned_drag() -> drag::Drag {
-    drag::Drag::new(&drag_rows())
-}
-
-fn drag_rows() -> Vec<[f64; 4]> {
-    let (directions, loads) = drag::USUAL;
-    let rows = (0..4).flat_map(|leg| {
-        let each = loads.into_iter().flat_map(move |load| directions.map(|d| (d, load)));
-        each.map(move |(direction, load)| [leg as f64, direction, load, 0.0])
-    });
-    rows.collect()
-}
 
 /// Everything random of one robot and its laboratory.
 struct Chance(Xoshiro256PlusPlus);
@@ -272,15 +240,12 @@ fn walk(
     rows
 }
 
-/// Kinds of value that are scored.
-pub const SCORED: [&str; 4] = ["stiffness", "damping", "friction", "centre"];
-
 /// How well one hidden robot was identified.
 #[derive(Debug, Clone, Default)]
 pub struct Score {
-    /// For each of [`SCORED`]: whether each interval holds the truth.
+    /// For each of stiffness, damping, friction and centre: whether each interval holds the truth.
     inside: [Vec<bool>; 4],
-    /// For each of [`SCORED`]: errors as shares; of the centre, mm.
+    /// For each of stiffness, damping, friction and centre: errors as shares; of the centre, mm.
     errors: [Vec<f64>; 4],
     /// Sums of the square errors of the walks, as they are fitted and as they are held out.
     walks: [f64; 2],
@@ -329,7 +294,7 @@ fn score(plan: &RobotModel, robot: &RobotModel, found: &Identified) -> Result<Sc
     Ok(score)
 }
 
-/// A number for each of [`SCORED`].
+/// A number for each of stiffness, damping, friction and centre.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Kinds {
     /// Bend and twist stiffness of the legs.
@@ -359,7 +324,7 @@ pub struct Verdict {
 
 /// Limits of a verdict: coverage, median error of stiffness and friction as a share and of the centre in mm, ratio.
 pub const COVERAGE: core::ops::RangeInclusive<f64> = 0.90..=0.99;
-/// Robots from which on coverage and held-out walks are judged: fewer do not tell 95 % from 99 %.
+/// Robots from which on coverage and held-out walks are judged: fewer do not separate 95 % from 99 %.
 pub const ENOUGH: usize = 100;
 /// Largest median error of stiffness and friction, as a share.
 pub const MEDIAN_SHARE: f64 = 0.03;

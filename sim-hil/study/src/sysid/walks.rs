@@ -171,7 +171,7 @@ impl Walks {
 
     /// Returns the sum of the square errors (equation 3) of all pairs, (m/s)^2, as they are fitted and as they are held out.
     #[must_use]
-    pub fn square_errors(&self) -> [f64; 2] {
+    pub(crate) fn square_errors(&self) -> [f64; 2] {
         let of = |which: fn(&Pair) -> [f64; 3]| -> f64 {
             let error = |pair: &Pair| {
                 let off: [f64; 3] = core::array::from_fn(|i| which(pair)[i] - pair.measured[i]);

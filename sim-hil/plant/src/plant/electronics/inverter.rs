@@ -6,10 +6,12 @@
 //! A coasting bridge feeds what current there is back to the bus through its diodes, until it is
 //! spent or the motor's back EMF no longer exceeds the bus.
 
-use flix_firmware::hardware::{Bridge, Duty, Hardware};
+use flix_firmware::hardware::{Bridge, Duty, Hardware, TICK_RATE_HZ};
 
-use super::TICK;
 use super::motor::{Motor, Sweep, Terminal};
+
+/// Length of a tick, s.
+pub const TICK: f64 = 1.0 / TICK_RATE_HZ as f64;
 
 /// Voltage across a conducting body diode, V (silicon, at a few hundred milliamperes).
 const DIODE_DROP: f64 = 0.7;

@@ -5,7 +5,7 @@
 //! mechanics in one step, in which the rotors are taken to turn at the speed they had at its start.
 
 use flix_firmware::hardware::{
-    Actuation, Bridge, Encoder as EncoderOutput, Hardware, Magnet, Sensors, TICK_RATE_HZ,
+    Actuation, Bridge, Encoder as EncoderOutput, Hardware, Magnet, Sensors,
 };
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -20,6 +20,8 @@ use self::sensor::{
 };
 use super::{Diverged, Mechanics};
 
+pub use self::inverter::TICK;
+
 pub mod battery;
 mod build;
 pub mod inverter;
@@ -30,8 +32,6 @@ pub mod sensor;
 /// Sub-steps of the electrical circuits in each tick. The fastest of them, the bus capacitor, has a time constant
 /// of 40 us.
 pub const SUB_STEPS: usize = 4;
-/// Length of a tick, s.
-pub const TICK: f64 = 1.0 / TICK_RATE_HZ as f64;
 const SUB_STEP: f64 = TICK / SUB_STEPS as f64;
 
 /// What the electrical part is made of, before chance varies it.

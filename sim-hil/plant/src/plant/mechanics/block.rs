@@ -115,7 +115,7 @@ pub trait Robots: Send + Sync + core::fmt::Debug {
     fn clock(&self) -> Clock;
     /// Sets the block's clock.
     fn set_clock(&mut self, clock: Clock);
-    /// Returns a robot as a plant of its own, for everything that a plant can tell.
+    /// Returns a robot as a plant of its own, for everything that a plant reports.
     ///
     /// # Errors
     /// If the model is refused.

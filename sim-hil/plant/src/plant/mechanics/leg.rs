@@ -104,7 +104,7 @@ pub struct LegState<F> {
     /// Hinge accelerations of the last step, rad/s^2.
     pub acceleration: [F; 6],
     /// How each corner met the floor in the last step.
-    pub grip: [Grip<F>; CORNERS],
+    pub law: [ContactLaw<F>; CORNERS],
     /// How long each corner has been slow on the floor, s; it stands from [`REST_TIME`] on.
     pub rest: [F; CORNERS],
     /// Tangential strain of a standing corner along world x and y, m.
@@ -117,7 +117,7 @@ pub struct LegState<F> {
 /// `H = push (1, -e)(1, -e)^T + hold (diag m_i^2 - e e^T)`, `e_i = m_i slip_i`. (The law's potential is of second degree, so
 /// that this is exact there.)
 #[derive(Clone, Copy, Debug)]
-pub struct Grip<F> {
+pub struct ContactLaw<F> {
     /// Share of the normal's stiffness: 0 in the air, 1 while it sticks, 1/(1 + m^2) while it slides.
     pub push: F,
     /// Share of friction's stiffness across the slip: 1/m^2 while it sticks.
@@ -126,12 +126,12 @@ pub struct Grip<F> {
     pub slip: [F; FRICTIONS],
 }
 
-impl<F: Lane> Grip<F> {
-    /// Creates the grip of a corner in the air.
+impl<F: Lane> ContactLaw<F> {
+    /// Creates the law of a corner in the air.
     #[inline(always)]
     fn none() -> Self {
         let o = F::splat(0.0);
-        Grip { push: o, hold: o, slip: [o; FRICTIONS] }
+        ContactLaw { push: o, hold: o, slip: [o; FRICTIONS] }
     }
 }
 
@@ -143,7 +143,7 @@ impl<F: Lane> LegState<F> {
             angle: [o; 6],
             speed: [o; 6],
             acceleration: [o; 6],
-            grip: [Grip::none(); CORNERS],
+            law: [ContactLaw::none(); CORNERS],
             rest: [o; CORNERS],
             tangential_strain: [[o; 2]; CORNERS],
             force: Vec3::zero(),
@@ -202,8 +202,8 @@ pub struct LegStep<F> {
     /// Joint-space inertia that stiffness and damping of each hinge add in an implicit step, kg m^2.
     implicit_inertia: [F; 6],
     corner: [Corner<F>; CORNERS],
-    /// The grips that the equations hold now.
-    grip: [Grip<F>; CORNERS],
+    /// The laws that the equations hold now.
+    law: [ContactLaw<F>; CORNERS],
     /// Height of the lowest corner over the floor, m; at most 0.
     pub lowest: F,
     /// Half the step.
@@ -287,7 +287,7 @@ impl<F: Lane> LegStep<F> {
                 slide: [o; 2],
                 load: o,
             }; CORNERS],
-            grip: [Grip::none(); CORNERS],
+            law: [ContactLaw::none(); CORNERS],
             lowest: o,
             half: o,
             contact: Articulated::zero(),
@@ -358,7 +358,7 @@ impl<F: Lane> LegStep<F> {
         self.lowest = c(0.0);
         self.contact = Articulated::zero();
         self.contact_bias = Spatial::zero();
-        self.grip = s.grip;
+        self.law = s.law;
         if body.floor {
             self.touch(m, s, body.height);
         } else {
@@ -424,7 +424,7 @@ impl<F: Lane> LegStep<F> {
         self.lowest = lowest;
     }
 
-    /// Assembles the contact's share of the equations for the present grips.
+    /// Assembles the contact's share of the equations for the present laws.
     #[inline(always)]
     pub fn assemble_contact(&mut self, m: &LegModel<F>) {
         // Opposite corners in pairs, so that a mirrored robot adds the same numbers.
@@ -442,10 +442,10 @@ impl<F: Lane> LegStep<F> {
         let o = F::splat(0.0);
         let mu = &m.foot.friction;
         let p = &self.corner[j];
-        let grip = &self.grip[j];
+        let law = &self.law[j];
         let r = p.at;
-        let (push, hold) = (p.weight * grip.push, p.weight * grip.hold);
-        let e = products(mu, &grip.slip);
+        let (push, hold) = (p.weight * law.push, p.weight * law.hold);
+        let e = products(mu, &law.slip);
         let along = wrench(r, Vec3([e[0], e[1], o]), Vec3([e[3], e[4], e[2]]));
         let up = wrench(r, Vec3([o, o, F::splat(1.0)]), Vec3::zero());
         let cone = up - along;
@@ -471,7 +471,7 @@ impl<F: Lane> LegStep<F> {
             springs.without(along, along.scale(g)).without(cone, cone.scale(-(p.lead * push)));
 
         let t = &p.tangent;
-        let slip = sum_of_products(&grip.slip, t);
+        let slip = sum_of_products(&law.slip, t);
         let bias = wrench(
             r,
             Vec3([hold * mu[0] * t[0], hold * mu[1] * t[1], o]),
@@ -518,7 +518,7 @@ impl<F: Lane> LegStep<F> {
     }
 
     /// Finds how the corners of a robot that touches the floor (`touching` below zero) meet it under the foot's
-    /// acceleration `x`; below zero if that differs from the grips in the equations, which stay as they are.
+    /// acceleration `x`; below zero if that differs from the laws in the equations, which stay as they are.
     #[inline(always)]
     pub fn choose(
         &mut self,
@@ -554,7 +554,7 @@ impl<F: Lane> LegStep<F> {
             let touches = (-p.weight).negative_then(normal - length, o);
             let slides = -(length + square * normal);
             // A slip that turns over has passed the point where the corner sticks: take that first.
-            let old = self.grip[j];
+            let old = self.law[j];
             let over = sum_of_products(&pull, &old.slip);
             let slides = over.negative_then(o, slides);
             let push = touches.negative_then(slides.negative_then(sliding, one), o);
@@ -567,7 +567,7 @@ impl<F: Lane> LegStep<F> {
             let turned = c(TURN) - sum_of_products(&turned, &turned);
             let more = c(CHANGE) * hold - (hold - old.hold).abs();
             changed = changed.min(turned).min(more).min(-(push - old.push).abs());
-            let last = &mut s.grip[j];
+            let last = &mut s.law[j];
             last.push = touching.negative_then(push, last.push);
             last.hold = touching.negative_then(hold, last.hold);
             for i in 0..FRICTIONS {
@@ -578,16 +578,16 @@ impl<F: Lane> LegStep<F> {
         touching.negative_then(changed, o)
     }
 
-    /// Takes the grips found into the equations, of robots for which `changed` is below zero: what the others have
+    /// Takes the laws found into the equations, of robots for which `changed` is below zero: what the others have
     /// solved stays theirs, bit for bit, however often their neighbours solve again.
     #[inline(always)]
     pub fn adopt(&mut self, s: &LegState<F>, changed: F) {
         for j in 0..CORNERS {
-            let (grip, found) = (&mut self.grip[j], &s.grip[j]);
-            grip.push = changed.negative_then(found.push, grip.push);
-            grip.hold = changed.negative_then(found.hold, grip.hold);
+            let (law, found) = (&mut self.law[j], &s.law[j]);
+            law.push = changed.negative_then(found.push, law.push);
+            law.hold = changed.negative_then(found.hold, law.hold);
             for i in 0..FRICTIONS {
-                grip.slip[i] = changed.negative_then(found.slip[i], grip.slip[i]);
+                law.slip[i] = changed.negative_then(found.slip[i], law.slip[i]);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Single robots into lanes and out again.
 
 use super::lane::{Double, Lane, Quad, Single};
-use super::leg::{Foot, Grip, LegModel, LegState};
+use super::leg::{ContactLaw, Foot, LegModel, LegState};
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
 use super::system::{Rotor, Several};
 
@@ -99,8 +99,8 @@ pack_struct! {
     RigidInertia { mass, moment, inertia }
     Rotor { angle, turns, speed, acceleration }
     Foot { friction, damping, stiffness, mobility, impedance }
-    Grip { push, hold, slip }
-    LegState { angle, speed, acceleration, grip, rest, tangential_strain, force }
+    ContactLaw { push, hold, slip }
+    LegState { angle, speed, acceleration, law, rest, tangential_strain, force }
     LegModel {
         root, frame, twist, stiffness, damping, segment, mass, inertia, end_mass, end_center,
         end_inertia, foot_center, foot_half, foot
