@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
 
 use flix_protocol::failsafe::{
-    BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, longest_command_age, ramp_down,
+    BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, SLOWEST_RAMP, longest_command_age, ramp_down,
 };
 use flix_protocol::message::{
     Command, MAXIMUM_FREQUENCY, Magnet, Outcome, ParameterCommand, ResetReason, State, Telemetry,
@@ -134,6 +134,7 @@ fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
         return findings;
     }
     findings.push(link(&connection));
+    findings.extend(supply(&mut connection));
     findings.extend(telemetry(&connection, first, begin.elapsed()));
     connection.leave();
     findings
@@ -205,6 +206,38 @@ fn braking_current(resistance: f32, inductance: f32, flux: f32, pole_pairs: f32)
     let [resistance, inductance, flux] = [resistance, inductance, flux].map(f64::from);
     let speed = TAU * f64::from(MAXIMUM_FREQUENCY.get()) * f64::from(pole_pairs);
     1e-3 * speed * flux / resistance.hypot(1e-3 * speed * inductance)
+}
+
+/// States whether the windings burn what the rotors give while f falls, where the robot does not measure its battery: elsewhere
+/// over-voltage is a fault.
+fn supply(connection: &mut Connection) -> Option<Finding> {
+    if connection.client().telemetry()?.bus_voltage.is_some() {
+        return None;
+    }
+    let mut value = |name: &str| setting(connection, name);
+    let (inertia, limit) = (value("rotor_inertia")?, value("current_limit")?);
+    let ramp = value("frequency_ramp")?.max(SLOWEST_RAMP);
+    let mut resistance = |motor: usize| value(&format!("{}_phase_resistance", motor_name(motor)));
+    let smallest = resistance(0)?.min(resistance(1)?);
+    let least = burning_resistance(inertia, ramp, limit);
+    let sentence = if f64::from(smallest) >= least {
+        "the windings burn what the rotors give while f falls: a battery or a bench supply feeds it"
+            .to_owned()
+    } else {
+        format!(
+            "{smallest} ohm burn too little of what the rotors give while f falls by {ramp:.0} Hz/s ({least:.2} ohm do): feed it from a \
+             battery, as it lifts a bench supply"
+        )
+    };
+    Some(Finding::good("supply", sentence))
+}
+
+/// Returns the phase resistance, ohm, from which on a motor at its limits burns what its rotor gives at the fastest f,
+/// `3/2 R (7/8 limit)^2 = J w dw/dt`: of g cm^2, Hz/s and A.
+fn burning_resistance(inertia: f32, ramp: f32, limit: f32) -> f64 {
+    let [inertia, ramp, limit] = [inertia, ramp, limit].map(f64::from);
+    let power = 1e-7 * inertia * TAU * f64::from(MAXIMUM_FREQUENCY.get()) * TAU * ramp;
+    power / (1.5 * (0.875 * limit).powi(2))
 }
 
 /// Half of the unit in which an age of commands counts, s.
@@ -660,6 +693,12 @@ mod tests {
     fn shorted_motors_carry_their_back_emf_over_their_impedance() {
         assert!((braking_current(2.5, 1.0, 3.0, 7.0) - 1.573).abs() < 1e-3);
         assert!((braking_current(0.15, 0.04, 1.0, 12.0) - 14.388).abs() < 1e-3);
+    }
+
+    #[test]
+    fn windings_of_a_new_robot_burn_from_0_63_ohm_on() {
+        assert!((burning_resistance(105.0, 200.0, 2.0) - 0.632).abs() < 1e-3);
+        assert!((burning_resistance(105.0, 100.0, 1.0) - 1.263).abs() < 1e-3);
     }
 
     #[test]
