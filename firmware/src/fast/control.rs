@@ -460,7 +460,8 @@ impl Control {
             loops: &self.loops,
             shaking: matches!(self.activity, Activity::Shaking),
             shaker: &self.shaker,
-            target: self.headroom.clamp(self.asked),
+            target: self.asked,
+            reachable: self.headroom.clamp(self.asked),
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);

@@ -37,6 +37,8 @@ const DROOP_TICKS: u32 = 10_000;
 /// f may be off by this much: 10 Hz. A walking body that swings against its rotors at 35 Hz takes up
 /// to 8 Hz for a second (seen in simulation); theta is held meanwhile, and telemetry shows f.
 const LARGEST_DROOP: Speed = Speed::from_centihertz(1_000);
+/// With twice theta off by more than this, 6 degrees, a ceiling of the voltage is no reason for a low f: with it, theta is held.
+const CEILING_SUM_ERROR: i32 = (6 * (1 << 32_u64) / 360_u64) as i32;
 /// Ticks for which f must be held back to be called limited, too long for a step to settle in half a second: 0.3 s.
 const HELD_BACK_TICKS: u32 = 3_000;
 /// Ticks after which an f is expected to be reached, 1 s, and those for which one that is held back then is lost: 50 ms.
@@ -179,6 +181,8 @@ pub(crate) struct Observation<'a> {
     pub(crate) shaker: &'a Shaker,
     /// and the f that is asked for.
     pub(crate) target: Speed,
+    /// The same below the ceiling of the voltage.
+    pub(crate) reachable: Speed,
 }
 
 /// What was observed but is not sure yet.
@@ -262,7 +266,7 @@ impl Monitor {
 
     /// Adds the faults that show only while the rotors are controlled.
     fn shaking_faults(&mut self, faults: Faults, observation: &Observation<'_>) -> Faults {
-        let Observation { configuration, trackers, loops, shaker, target, .. } = *observation;
+        let Observation { configuration, trackers, loops, shaker, .. } = *observation;
         let pressed = shaker.limited();
         let going_on = shaker.frequency().magnitude() > GOING_ON;
         let [shivers, goes_on] = self.shivers(observation);
@@ -278,6 +282,8 @@ impl Monitor {
                 | blocked.diagnose(still && going_on, BLOCKED_TICKS);
         }
         let unlocked = shaker.slipping() || magnitude(shaker.sum_error()) > LARGEST_SUM_ERROR;
+        let is_off = magnitude(shaker.sum_error()) > CEILING_SUM_ERROR;
+        let target = if is_off { observation.target } else { observation.reachable };
         let droop = (target - shaker.frequency()).magnitude();
         let ramps = shaker.ramps(&configuration.shaker.ramps);
         // What is stuck is about to be a stall.
@@ -399,6 +405,8 @@ mod tests {
         shaking: bool,
         shaker: Shaker,
         target: Speed,
+        /// Whether f is the ceiling of the voltage.
+        is_ceiling: bool,
     }
 
     impl Scene {
@@ -440,6 +448,7 @@ mod tests {
                 loops: [CurrentLoop::default(); 2],
                 shaking: true,
                 target: shaker.frequency(),
+                is_ceiling: false,
                 shaker,
                 configuration,
             }
@@ -460,6 +469,7 @@ mod tests {
                 shaking: self.shaking,
                 shaker: &self.shaker,
                 target: self.target,
+                reachable: if self.is_ceiling { self.shaker.frequency() } else { self.target },
             };
             monitor.faults(Faults::NONE, &observation)
         }
@@ -587,6 +597,20 @@ mod tests {
             let (fine, wrong) = (droop(&pressed, 0), droop(&pressed, 1));
             assert_limit(&fine, &wrong, Fault::PhaseLockLost, DROOP_TICKS);
             assert_limit(&droop(&Scene::new(MOVING), 1), &wrong, Fault::PhaseLockLost, DROOP_TICKS);
+        }
+    }
+
+    #[test]
+    fn f_at_the_ceiling_of_the_voltage_is_no_lost_lock_unless_theta_is_off() {
+        for sign in [1, -1] {
+            let at_ceiling = |sum_error: i32| {
+                let mut scene = Scene::with(MOVING, sign * sum_error, true);
+                scene.target = scene.target + LARGEST_DROOP + ONE;
+                scene.is_ceiling = true;
+                scene
+            };
+            let (fine, wrong) = (at_ceiling(CEILING_SUM_ERROR), at_ceiling(CEILING_SUM_ERROR + 1));
+            assert_limit(&fine, &wrong, Fault::PhaseLockLost, DROOP_TICKS);
         }
     }
 

@@ -147,7 +147,9 @@ impl Reference {
             let steepest = (ramps.frequency * if slows { headroom_down } else { headroom }) >> 15;
             let slope = within(multiply_high(gap, per_second(FREQUENCY_APPROACH)), steepest);
             let change = slope - self.frequency_slope;
-            self.frequency_slope += within(change, ramps.frequency / SLOPE_UPDATES);
+            // One that is steeper than these ramps, of a stop that is taken back, ends quickly, too.
+            let largest = ramps.frequency.max(magnitude(self.frequency_slope));
+            self.frequency_slope += within(change, largest / SLOPE_UPDATES);
             self.frequency = Speed::from_raw(frequency.wrapping_add(self.frequency_slope * STEP));
         }
         self.phase = moved(self.phase, self.frequency, STRIDE);

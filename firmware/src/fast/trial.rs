@@ -25,6 +25,9 @@ mod tests;
 const GROWTH_SHIFT: u32 = 7;
 /// Once the current is there, the voltage follows it by this share of itself a tick, 2^-9.
 const HOLD_SHIFT: u32 = 9;
+/// Where a rotor that swings back adds its back-EMF, the voltage falls by this share of itself a tick, 2^-5, once the current is
+/// beyond what is wanted by a quarter.
+const FALL_SHIFT: u32 = 5;
 /// The current is averaged over 2^3 ticks to end the growth.
 const QUICK_SHIFT: u32 = 3;
 /// And over 2^6 to look whether there is any.
@@ -194,6 +197,7 @@ impl TrialRun {
         {
             motor.average(*currents);
             if motor.is_grown {
+                motor.falls(self.wanted);
                 continue;
             }
             all_are_grown = false;
@@ -223,6 +227,9 @@ impl TrialRun {
         let most = most_voltage(observation.bus);
         for (motor, currents) in self.motors.iter_mut().zip(observation.currents) {
             motor.average(*currents);
+            if motor.falls(self.wanted) {
+                continue;
+            }
             let step = Voltage::from_raw((motor.voltage.raw() >> HOLD_SHIFT) + 1);
             motor.voltage = if motor.is_full(self.wanted) {
                 motor.voltage - step
@@ -301,10 +308,25 @@ impl TrialRun {
 impl Motor {
     /// Returns whether it carries the wanted current, or turns as much power to heat as it may.
     fn is_full(&self, wanted: Current) -> bool {
-        let current = largest(self.quick.map(Current::from_raw));
+        let current = self.current();
         // 2^-16 V times 2^-16 A, of which the upper half is in V A.
         let power = multiply_high(self.voltage.raw() << 8, current.raw() << 8);
         current >= wanted || power >= MOST_POWER
+    }
+
+    /// Lets the voltage fall where the current is beyond what is wanted by a quarter; returns whether it did.
+    fn falls(&mut self, wanted: Current) -> bool {
+        let is_beyond = self.current() > Current::from_raw(wanted.raw() / 4 * 5);
+        if is_beyond {
+            self.voltage =
+                Voltage::from_raw(self.voltage.raw() - (self.voltage.raw() >> FALL_SHIFT));
+        }
+        is_beyond
+    }
+
+    /// Returns the largest current of a phase.
+    fn current(&self) -> Current {
+        largest(self.quick.map(Current::from_raw))
     }
 
     /// Returns whether a current shows.

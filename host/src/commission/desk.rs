@@ -33,7 +33,9 @@ const POSITION_BANDWIDTH: &str = "position_bandwidth";
 /// Ramps that count, up and down, and the most there are.
 const RAMPS: f64 = 6.0;
 const MOST_RAMPS: f64 = 72.0;
-/// Largest difference of the current that speeds a rotor up between both halves of the ramps, as a share.
+/// Parts of the ramps, one after the other, of which each shows what current speeds a rotor up, and by how much the largest of these
+/// may be above the smallest, as a share.
+const THIRDS: usize = 3;
 const LARGEST_UNEVENNESS: f64 = 0.04;
 /// Current times time of a ramp, A s, from which on friction and noise are little beside it. A motor that makes much torque of little
 /// current takes less, and more ramps.
@@ -444,10 +446,12 @@ impl<'a, S: Subject> Desk<'a, S> {
                 |changes: &[Change]| running::current_per_acceleration(changes).unwrap_or(0.0);
             slopes[motor] = slope(changes);
             let (friction, ramps) = changes.split_at(2);
-            let (early, late) = ramps.split_at(ramps.len() / 2);
-            let [early, late] = [early, late].map(|half| slope(&[friction, half].concat()));
-            let more = late / early - 1.0;
-            if more.abs() > LARGEST_UNEVENNESS {
+            let thirds = ramps.chunks(ramps.len().div_ceil(THIRDS).max(1));
+            let (least, most) = thirds
+                .map(|third| slope(&[friction, third].concat()))
+                .fold((f64::INFINITY, 0.0_f64), |(least, most), it| (least.min(it), most.max(it)));
+            let more = most / least - 1.0;
+            if !(0.0..=LARGEST_UNEVENNESS).contains(&more) {
                 return Err(CommissionError::Found(Finding::Uneven { motor, more }));
             }
         }

@@ -225,16 +225,16 @@ pub enum Finding {
         /// Of the inertia.
         share: f64,
     },
-    /// What the ramps of both halves take differs.
+    /// What its ramps take changed among them.
     #[error(
-        "the {} rotor took another current to speed up in the end than in the beginning ({:+.0} %): does something rub on it now and then, \
-         or does the battery run down? Mend it, and start again",
+        "the current that speeds the {} rotor up changed by {:.0} % meanwhile: does something rub on it now and then, or does the \
+         battery run down? Mend it, and start again",
         motor_name(*motor), 100.0 * more
     )]
     Uneven {
         /// Names the motor: 0 is the top one.
         motor: usize,
-        /// In the second half, as a share of the first.
+        /// By how much the largest of three parts is above the smallest, as a share.
         more: f64,
     },
     /// Those of one motor show another current than flows.

@@ -245,6 +245,26 @@ fn f_and_theta_are_half_difference_and_half_sum_of_the_rotors() {
 }
 
 #[test]
+fn a_stop_that_is_taken_back_turns_f_round_within_2_hz_however_slow_the_ramps_are() {
+    for (ramp, sign) in [(1.0, 1.0), (5.0, -1.0), (200.0, 1.0)] {
+        let slow = Ramps::of(&Settings { frequency_ramp: ramp, ..Settings::DEFAULT });
+        let asked = hertz(sign * 20.0).raw();
+        let mut reference = Reference::steady(hertz(sign * 20.0), degrees(0.0));
+        let full = FULL_HEADROOM;
+        for _ in 0..200 {
+            reference.ramp_frequency(&slow.stopping(), full, full, 0);
+        }
+        let from = reference.frequency.magnitude();
+        for _ in 0..100 {
+            reference.ramp_frequency(&slow, full, full, asked);
+            let lost = from - reference.frequency.magnitude();
+            assert!(lost < hertz(2.0), "{ramp} Hz/s: {lost:?}");
+        }
+        assert!(reference.frequency_slope ^ asked >= 0, "{ramp} Hz/s");
+    }
+}
+
+#[test]
 fn f_ramps_as_steeply_as_is_set_and_no_steeper_and_the_rotors_follow_without_error() {
     for target in [30.0, -30.0] {
         let mut rig = Rig::at_rest();
