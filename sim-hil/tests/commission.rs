@@ -12,12 +12,15 @@ use flix_protocol::message::{
     Command, Fault, Mark, Outcome, ParameterCommand, Refusal, Setpoint, Telemetry,
 };
 use flix_protocol::units::Instant;
-use flix_sim::model::{Electrical, SIMULATED_BOARD};
+use flix_sim::model::{Electrical, RobotModel, SIMULATED_BOARD};
+use flix_sim::plant::Plant;
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
 use flix_sim::reliability::stranger::{Watched, motor_values, rotor_inertia, stranger};
+use flix_sim::rig::bench::bench_key;
+use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
-use flix_sim::rig::operation::OperationError;
-use flix_sim::rig::simulated::Disturbance;
+use flix_sim::rig::operation::{Operation, OperationError};
+use flix_sim::rig::simulated::{Disturbance, RobotParameters, SimulatedRobot};
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
 
 /// Commissions the stranger of this seed, as it is and with each wiring fault.
@@ -106,10 +109,15 @@ fn entered(seed: u64, times: f64) -> Watched {
 #[test]
 fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_stay_as_they_were() {
     let mut model = stranger(9_201);
-    model.electrical.sense.bus_uv_per_count = 0;
-    for (held, after, seconds) in
-        [(0.004, 85, 200), (0.002, 85, 200), (0.004, 70, 1), (0.004, 85, 15)]
-    {
+    for (measures_bus, held, after, seconds) in [
+        (false, 0.004, 85, 200),
+        (false, 0.004, 70, 1),
+        (false, 0.004, 85, 15),
+        (true, 0.004, 63, 200),
+        (true, 0.004, 66, 200),
+        (true, 0.004, 70, 1),
+    ] {
+        model.electrical.sense.bus_uv_per_count = if measures_bus { 4_464 } else { 0 };
         let mut robot = Watched::power_up(model.clone(), 9_201).unwrap();
         let battery = Some(robot.operation.robot.electronics().battery().open_circuit_voltage());
         let from = robot.operation.now() + Duration::from_secs(after);
@@ -129,6 +137,28 @@ fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_sta
         let kept =
             |it: &Settings| (it.marks, it.phase_resistance, it.frequency_ramp, it.current_limit);
         assert_eq!(kept(&after), kept(&before));
+    }
+}
+
+/// It moves, and what a rotor takes with it: values are then less exact, but nothing is wrong.
+#[test]
+fn a_robot_that_stands_on_its_legs_is_commissioned_too() {
+    let model = RobotModel::named("W").unwrap();
+    for seed in 1..=6 {
+        let parameters = RobotParameters::of(&model.electrical, bench_key(), seed).unwrap();
+        let robot = SimulatedRobot::new(parameters, Plant::new(&model).unwrap());
+        let operation = Operation::new(robot, ChannelParameters::QUIET_WIFI);
+        let mut robot = Watched::of(operation, seed).unwrap();
+        let inertia = Some(rotor_inertia(&model.shaker));
+        let found =
+            commission(&mut robot, &Known { rotor_inertia: inertia, battery: None }, |_| {});
+        let found = found.unwrap();
+        for (motor, found) in found.motors.iter().enumerate() {
+            let has = robot.operation.robot.electronics().motor(motor).parameters();
+            let off = |found: f64, is: f64| (found / is - 1.0).abs();
+            assert!(off(found.resistance, has.resistance) < 0.06, "{seed}: {found:?}");
+            assert!(off(found.flux_linkage, has.flux_linkage) < 0.02, "{seed}: {found:?}");
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! What commissioning asks of a robot: trials, runs, captures, and settings that can be put back.
 
+use std::f64::consts::TAU;
 use std::time::Duration;
 
 use flix_protocol::failsafe::longest_command_age;
@@ -29,14 +30,20 @@ const RAMP_SECONDS: f64 = 0.2;
 const BEFORE_RAMP: Duration = Duration::from_millis(80);
 /// Rows of the capture before and after a ramp: 80 and 150 ms.
 const STEADY_ROWS: [usize; 2] = [800, 1_500];
+/// The same of a capture without one.
+const ALL_STEADY: [usize; 2] = [usize::MAX, 0];
 const POSITION_BANDWIDTH: &str = "position_bandwidth";
 /// Ramps that count, up and down, and the most there are.
 const RAMPS: f64 = 6.0;
 const MOST_RAMPS: f64 = 72.0;
-/// Parts of the ramps, one after the other, of which each shows what current speeds a rotor up, and by how much the largest of these
-/// may be above the smallest, as a share.
+/// Parts of the ramps, one after the other, of which each shows what current speeds a rotor up.
 const THIRDS: usize = 3;
-const LARGEST_UNEVENNESS: f64 = 0.04;
+/// By how much the largest of these may be above the smallest, as a share, times the root of the ramps that count. On a body that
+/// stands on its legs it is up to 0.12, on one that is held 0.04; a rotor that begins to rub makes 0.6 or more of it.
+const LARGEST_UNEVENNESS: f64 = 0.3;
+/// Change of friction from before the ramps until after them, as a share of the current that speeds a rotor up: on legs it is up
+/// to 0.033, on a body that is held 0.009.
+const LARGEST_CHANGE: f64 = 0.06;
 /// Current times time of a ramp, A s, from which on friction and noise are little beside it. A motor that makes much torque of little
 /// current takes less, and more ramps.
 const FULL_IMPULSE: f64 = 8e-3;
@@ -420,12 +427,9 @@ impl<'a, S: Subject> Desk<'a, S> {
                 changes.push(Change { steady, current, speed });
             }
         };
-        // Friction, where nothing changes.
+        // Friction, where nothing changes: before the ramps, and after them.
         for frequency in [fast, slow] {
-            self.hold(frequency);
-            self.subject.pause(SETTLING)?;
-            self.begin_capture(&channels, Trigger::Now, 0)?;
-            add([usize::MAX, 0], &self.capture(Step::Ramps, u16::MAX)?);
+            add(ALL_STEADY, &self.turns(&channels, frequency)?);
         }
         let impulse = per_hertz * (fast - slow);
         let counting = (RAMPS * FULL_IMPULSE / impulse).clamp(RAMPS, MOST_RAMPS / 2.0);
@@ -440,23 +444,52 @@ impl<'a, S: Subject> Desk<'a, S> {
                 add(STEADY_ROWS, &columns);
             }
         }
+        for frequency in [fast, slow] {
+            add(ALL_STEADY, &self.turns(&channels, frequency)?);
+        }
         let mut slopes = [0.0; 2];
         for (motor, changes) in changes.iter().enumerate() {
-            let slope =
-                |changes: &[Change]| running::current_per_acceleration(changes).unwrap_or(0.0);
-            slopes[motor] = slope(changes);
-            let (friction, ramps) = changes.split_at(2);
-            let thirds = ramps.chunks(ramps.len().div_ceil(THIRDS).max(1));
-            let (least, most) = thirds
-                .map(|third| slope(&[friction, third].concat()))
-                .fold((f64::INFINITY, 0.0_f64), |(least, most), it| (least.min(it), most.max(it)));
-            let more = most / least - 1.0;
-            if !(0.0..=LARGEST_UNEVENNESS).contains(&more) {
-                return Err(CommissionError::Found(Finding::Uneven { motor, more }));
+            slopes[motor] = running::current_per_acceleration(changes).unwrap_or(0.0);
+            if let Some(change) = change_meanwhile(changes, slopes[motor] * TAU * ramp) {
+                return Err(CommissionError::Found(Finding::Uneven { motor, change }));
             }
         }
         Ok(slopes)
     }
+
+    /// Returns what these channels show while f, Hz, is held.
+    fn turns(&mut self, channels: &[Channel], frequency: f64) -> Done<Columns, S> {
+        self.hold(frequency);
+        self.subject.pause(SETTLING)?;
+        self.begin_capture(channels, Trigger::Now, 0)?;
+        self.capture(Step::Ramps, u16::MAX)
+    }
+}
+
+/// Returns by how much the current that a rotor takes changed among its ramps, as a share of what speeds it up, A, where that is too
+/// much. Two changes before the ramps and two after them show its friction.
+fn change_meanwhile(changes: &[Change], speeds_up: f64) -> Option<f64> {
+    let (before, others) = changes.split_at(2);
+    let (ramps, after) = others.split_at(others.len() - 2);
+    let rubs = before
+        .iter()
+        .zip(after)
+        .map(|(before, after)| (mean(&after.current) - mean(&before.current)).abs() / speeds_up)
+        .fold(0.0, f64::max);
+    if rubs > LARGEST_CHANGE {
+        return Some(rubs);
+    }
+    let (least, most) = ramps
+        .chunks(ramps.len().div_ceil(THIRDS))
+        .map(|third| running::current_per_acceleration(&[before, third].concat()).unwrap_or(0.0))
+        .fold((f64::INFINITY, 0.0_f64), |(least, most), it| (least.min(it), most.max(it)));
+    let more = most / least - 1.0;
+    let allowed = LARGEST_UNEVENNESS / (ramps.len() as f64).sqrt();
+    (!(0.0..=allowed).contains(&more)).then_some(more)
+}
+
+fn mean(column: &[f64]) -> f64 {
+    column.iter().sum::<f64>() / column.len().max(1) as f64
 }
 
 /// The columns of a capture.
@@ -468,7 +501,6 @@ impl Columns {
     }
 
     pub(super) fn mean(&self, column: usize) -> f64 {
-        let column = self.of(column);
-        column.iter().sum::<f64>() / column.len().max(1) as f64
+        mean(&self.of(column))
     }
 }

@@ -225,17 +225,17 @@ pub enum Finding {
         /// Of the inertia.
         share: f64,
     },
-    /// What its ramps take changed among them.
+    /// What it takes changed among its ramps.
     #[error(
-        "the current that speeds the {} rotor up changed by {:.0} % meanwhile: does something rub on it now and then, or does the \
-         battery run down? Mend it, and start again",
-        motor_name(*motor), 100.0 * more
+        "the current that the {} rotor takes changed meanwhile, by {:.0} % of what speeds it up: does something rub on it now and \
+         then, does the battery run down, does the body slide? Mend it, hold the body, and start again",
+        motor_name(*motor), 100.0 * change
     )]
     Uneven {
         /// Names the motor: 0 is the top one.
         motor: usize,
-        /// By how much the largest of three parts is above the smallest, as a share.
-        more: f64,
+        /// By how much, as a share of the current that speeds it up.
+        change: f64,
     },
     /// Those of one motor show another current than flows.
     #[error(

@@ -26,6 +26,9 @@ use crate::rig::wiring_fault::Miswired;
 /// How well a voltmeter reads, as a share.
 const VOLTMETER_ERROR: f64 = 0.005;
 
+/// How much longer than asked a host pauses, at most.
+const LATEST: Duration = Duration::from_millis(20);
+
 /// By how much values measured by hand are off, as a share.
 pub const BY_HAND: f64 = 0.03;
 /// By how much their latency is, us.
@@ -143,16 +146,18 @@ impl Disturbance for Ammeter {
     }
 }
 
-/// A simulated robot on the fixed bench, and the largest current that any of its phases ever carried.
+/// A simulated robot, the largest current that any of its phases ever carried, and a host whose pauses last longer than asked.
 pub struct Watched {
     /// The robot and its operator.
     pub operation: Operation<Plant>,
     /// From power-up on.
     pub largest_current: Ammeter,
+    /// Of the host.
+    late: Xoshiro256PlusPlus,
 }
 
 impl Watched {
-    /// Powers it up, and lets it connect and its link prove steady.
+    /// Powers it up on the fixed bench, and lets it connect and its link prove steady.
     ///
     /// # Errors
     /// When it cannot be built or connected to.
@@ -170,12 +175,21 @@ impl Watched {
         miswired: Option<Miswired>,
     ) -> Result<Self, BenchError> {
         let subject = Subject { model: Some(model), seed };
-        let largest_current = Ammeter::default();
-        let mut watched = Self { operation: subject.on(Base::Fixed)?, largest_current };
-        watched.operation.robot.disturb(watched.largest_current.clone());
+        let mut operation = subject.on(Base::Fixed)?;
         if let Some(miswired) = miswired {
-            watched.operation.robot.disturb(miswired);
+            operation.robot.disturb(miswired);
         }
+        Self::of(operation, seed)
+    }
+
+    /// Lets a robot that was just powered up, wherever it stands, connect and its link prove steady.
+    ///
+    /// # Errors
+    /// When it cannot be connected to.
+    pub fn of(operation: Operation<Plant>, seed: u64) -> Result<Self, BenchError> {
+        let late = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let mut watched = Self { operation, largest_current: Ammeter::default(), late };
+        watched.operation.robot.disturb(watched.largest_current.clone());
         watched.operation.connect()?;
         // As a new robot: nobody knows its motors.
         watched.operation.ask(Command::Parameter(ParameterCommand::Reset))?;
@@ -244,7 +258,8 @@ impl Commissionable for Watched {
     }
 
     fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {
-        Ok(self.operation.run(duration, |_| {})?)
+        let late = LATEST.mul_f64(self.late.random());
+        Ok(self.operation.run(duration + late, |_| {})?)
     }
 
     fn telemetry(&mut self) -> Option<Telemetry> {
