@@ -129,7 +129,7 @@ async fn flush(
     frame: &mut Frame,
 ) {
     while let Some(to) = station.transmit(frame) {
-        if matches!(Datagram::parse(frame), Some(Datagram::Sealed { .. })) {
+        if matches!(Datagram::parse(frame), Some(Datagram::Sealed(_))) {
             session.send(frame, to);
         } else {
             answer(stack, frame, to).await;

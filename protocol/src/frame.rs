@@ -154,24 +154,77 @@ pub struct Version {
     pub schema_key: u64,
 }
 
+/// The operator asks for a session or a stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Hello<'a> {
+    /// Version of the operator.
+    pub version: Version,
+    /// Fresh nonce of the operator.
+    pub client_nonce: Nonce,
+    /// What it asks for; `None`: known to another version only.
+    pub purpose: Option<Purpose>,
+    /// The one of the robot's keys that it has.
+    pub key_id: KeyId,
+    /// All bytes that the tag covers.
+    pub signed: &'a [u8],
+    /// Tag over `signed`.
+    pub tag: Tag,
+}
+
+/// The operator proves that it is present, and asks for a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Confirm<'a> {
+    /// The nonce of Hello.
+    pub client_nonce: Nonce,
+    /// The nonce of Challenge.
+    pub robot_nonce: Nonce,
+    /// The key of Hello.
+    pub key_id: KeyId,
+    /// Ephemeral key of the operator.
+    pub client_public: PublicKey,
+    /// All bytes that the tag covers.
+    pub signed: &'a [u8],
+    /// Tag over `signed`.
+    pub tag: Tag,
+}
+
+/// A message of a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sealed<'a> {
+    /// Whether it renews the keys of the session, and is no message.
+    pub is_renewal: bool,
+    /// Number of the session.
+    pub session: u32,
+    /// Number of the datagram: each sender counts up in each session.
+    pub counter: u64,
+    /// Header: authenticated, not encrypted.
+    pub header: &'a [u8],
+    /// Ciphertext.
+    pub ciphertext: &'a [u8],
+    /// Tag over header and ciphertext.
+    pub tag: Tag,
+}
+
+/// The operator demands a stop, and proves that it is present.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stop<'a> {
+    /// The nonce of Hello.
+    pub client_nonce: Nonce,
+    /// The nonce of Challenge.
+    pub robot_nonce: Nonce,
+    /// The key of Hello.
+    pub key_id: KeyId,
+    /// All bytes that the tag covers.
+    pub signed: &'a [u8],
+    /// Tag over `signed`.
+    pub tag: Tag,
+}
+
 /// The fields of a datagram, as received: nothing in it is trusted yet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Datagram<'a> {
     /// The operator asks for a session or a stop.
-    Hello {
-        /// Version of the operator.
-        version: Version,
-        /// Fresh nonce of the operator.
-        client_nonce: Nonce,
-        /// What it asks for; `None`: known to another version only.
-        purpose: Option<Purpose>,
-        /// The one of the robot's keys that it has.
-        key_id: KeyId,
-        /// All bytes that the tag covers.
-        signed: &'a [u8],
-        /// Tag over `signed`.
-        tag: Tag,
-    },
+    Hello(Hello<'a>),
     /// The robot asks the operator to prove that it is present now.
     Challenge {
         /// The robot's cookie.
@@ -182,20 +235,7 @@ pub enum Datagram<'a> {
         tag: Tag,
     },
     /// The operator proves that it is present.
-    Confirm {
-        /// The nonce of Hello.
-        client_nonce: Nonce,
-        /// The nonce of Challenge.
-        robot_nonce: Nonce,
-        /// The key of Hello.
-        key_id: KeyId,
-        /// Ephemeral key of the operator.
-        client_public: PublicKey,
-        /// All bytes that the tag covers.
-        signed: &'a [u8],
-        /// Tag over `signed`.
-        tag: Tag,
-    },
+    Confirm(Confirm<'a>),
     /// The robot opens the session.
     Accept {
         /// Number of the session, repeated in each sealed datagram.
@@ -221,33 +261,9 @@ pub enum Datagram<'a> {
         tag: Tag,
     },
     /// A message of a session.
-    Sealed {
-        /// Whether it renews the keys of the session, and is no message.
-        is_renewal: bool,
-        /// Number of the session.
-        session: u32,
-        /// Number of the datagram: each sender counts up in each session.
-        counter: u64,
-        /// Header: authenticated, not encrypted.
-        header: &'a [u8],
-        /// Ciphertext.
-        ciphertext: &'a [u8],
-        /// Tag over header and ciphertext.
-        tag: Tag,
-    },
+    Sealed(Sealed<'a>),
     /// The operator demands a stop, and proves that it is present.
-    Stop {
-        /// The nonce of Hello.
-        client_nonce: Nonce,
-        /// The nonce of Challenge.
-        robot_nonce: Nonce,
-        /// The key of Hello.
-        key_id: KeyId,
-        /// All bytes that the tag covers.
-        signed: &'a [u8],
-        /// Tag over `signed`.
-        tag: Tag,
-    },
+    Stop(Stop<'a>),
     /// The robot has latched the stop.
     Stopped {
         /// Whether its motors are not driven any more.
@@ -290,17 +306,17 @@ impl<'a> Datagram<'a> {
                 let key_id = fields.take()?;
                 let _repetition = fields.u8()?;
                 fields.take::<HELLO_RESERVED>()?;
-                Self::Hello { version, client_nonce, purpose, key_id, signed, tag }
+                Self::Hello(Hello { version, client_nonce, purpose, key_id, signed, tag })
             }
             CHALLENGE => Self::Challenge { robot_nonce: fields.take()?, signed, tag },
-            CONFIRM => Self::Confirm {
+            CONFIRM => Self::Confirm(Confirm {
                 client_nonce: fields.take()?,
                 robot_nonce: fields.take()?,
                 key_id: fields.take()?,
                 client_public: fields.take()?,
                 signed,
                 tag,
-            },
+            }),
             ACCEPT => {
                 Self::Accept { session: fields.u32()?, robot_public: fields.take()?, signed, tag }
             }
@@ -317,14 +333,14 @@ impl<'a> Datagram<'a> {
                 let counter = fields.u64()?;
                 let (header, ciphertext) = signed.split_at(SEALED_HEADER);
                 fields.0 = &[];
-                Self::Sealed { is_renewal, session, counter, header, ciphertext, tag }
+                Self::Sealed(Sealed { is_renewal, session, counter, header, ciphertext, tag })
             }
             STOP => {
                 let client_nonce = fields.take()?;
                 let robot_nonce = fields.take()?;
                 let key_id = fields.take()?;
                 let _repetition = fields.u8()?;
-                Self::Stop { client_nonce, robot_nonce, key_id, signed, tag }
+                Self::Stop(Stop { client_nonce, robot_nonce, key_id, signed, tag })
             }
             STOPPED => Self::Stopped { at_rest: fields.bool()?, signed, tag },
             HELD => Self::Held {

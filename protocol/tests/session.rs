@@ -8,7 +8,9 @@ use crate::ends::{
     Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, setpoint, telemetry,
 };
 use flix_protocol::failsafe::COMMAND_AGE;
-use flix_protocol::frame::{Datagram, Frame, MAGIC, MAXIMUM_DATAGRAM, SEALED, SEALED_HEADER};
+use flix_protocol::frame::{
+    Confirm, Datagram, Frame, MAGIC, MAXIMUM_DATAGRAM, SEALED, SEALED_HEADER,
+};
 use flix_protocol::message::{
     Command, DropReason, MAXIMUM_FREQUENCY, OperatorName, Outcome, Refusal, Reply, ToOperator,
 };
@@ -144,7 +146,7 @@ fn a_confirm_that_stays_unanswered_starts_over_with_a_new_nonce() {
 fn a_datagram_is_as_long_as_the_longest_at_most() {
     let mut sealed = [&MAGIC[..], &[SEALED]].concat();
     sealed.resize(MAXIMUM_DATAGRAM, 0);
-    assert!(matches!(Datagram::parse(&sealed), Some(Datagram::Sealed { .. })));
+    assert!(matches!(Datagram::parse(&sealed), Some(Datagram::Sealed(_))));
     sealed.push(0);
     assert_eq!(Datagram::parse(&sealed), None);
 }
@@ -208,7 +210,7 @@ fn each_session_has_ephemeral_keys_of_its_own_at_either_end() {
             let answer = answer(ends.robot_hears(&frame), frame.len()).unwrap();
             for datagram in [&frame[..], &answer] {
                 if let Some(
-                    Datagram::Confirm { client_public: public, .. }
+                    Datagram::Confirm(Confirm { client_public: public, .. })
                     | Datagram::Accept { robot_public: public, .. },
                 ) = Datagram::parse(datagram)
                 {

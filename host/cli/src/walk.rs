@@ -15,20 +15,17 @@ use super::address::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
 use flix_host::link::LinkError;
 use flix_host::link::udp::Connection;
-use flix_host::pilot::{Ending, Helm, Pilot};
+use flix_host::pilot::{Ending, Helm, Pilot, real_time};
+use flix_host::pose::PoseSample;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, UpAxis};
 use flix_host::pose::udp::UdpSource;
-use flix_host::pose::{PoseSample, PoseSource};
 use flix_host::record::{RecordError, Recorder, RunDescription};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{complain, waiting};
 use flix_shell::stream::StreamArgs;
 use flix_shell::{Error, Exit};
-
-/// Longest wait for datagrams of the robot between two checks for poses.
-const SLICE: Duration = Duration::from_millis(2);
 
 /// Address of the simulator's stream, and of Motive on this computer.
 const LOCAL_SERVER: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::LOCALHOST, COMMAND_PORT);
@@ -279,22 +276,12 @@ impl Walk {
         if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
             bar.set_style(style);
         }
-        let mut poses = Vec::new();
+        let is_planar = self.source.is_planar();
         let mut is_warned = false;
-        loop {
-            self.connection.step(SLICE)?;
-            let (client, now) = self.connection.operate();
-            poses.clear();
-            while let Some(sample) = self.source.poll(now)? {
-                bar.suspend(|| self.heights.look(&sample, self.source.is_planar()));
-                poses.push(sample);
-            }
-            if self.interrupt.is_raised() {
-                pilot.end(now, client, Ending::Interrupted);
-            }
-            let ending = pilot.step(now, client, &poses);
-            if let Err(trouble) = keep(pilot.helm()) {
-                pilot.end(now, client, Ending::NotRecorded(trouble));
+        let heights = &mut self.heights;
+        let watch = |pilot: &Pilot<H>, poses: &[PoseSample]| {
+            for sample in poses {
+                bar.suspend(|| heights.look(sample, is_planar));
             }
             if let Some(error) = pilot.unrecorded().filter(|_| !is_warned) {
                 is_warned = true;
@@ -302,12 +289,17 @@ impl Walk {
             }
             bar.set_message(message(pilot));
             bar.tick();
-            if let Some(ending) = ending {
-                bar.finish_and_clear();
-                let seconds = now.since(pilot.driving_since().unwrap_or(now)).as_secs_f64();
-                return Ok((ending, seconds));
-            }
-        }
+            keep(pilot.helm())
+        };
+        let ended = real_time::drive::<H, Error>(
+            &mut self.connection,
+            &mut self.source,
+            &self.interrupt,
+            pilot,
+            watch,
+        );
+        bar.finish_and_clear();
+        ended
     }
 
     /// Closes the session. A stop stays latched until the next run or `flix clear`.

@@ -2,8 +2,10 @@
 //!
 //! The pilot has no clock and no socket. Its owner moves datagrams in and out of the [`Client`] and
 //! calls [`Pilot::step`] some hundred times a second, with the poses that have arrived: the simulator
-//! in virtual time, `flix track` in real time.
+//! in virtual time, [`real_time`] on a socket.
 
+#[cfg(not(target_family = "wasm"))]
+pub mod real_time;
 pub mod steering;
 
 use std::collections::BTreeMap;

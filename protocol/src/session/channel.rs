@@ -11,7 +11,7 @@ use super::OLD_KEYS_LIFE;
 use super::key::SessionKeys;
 use super::replay::ReplayWindow;
 use crate::frame::{
-    ECHO_LENGTH, Frame, HandshakeFrame, MAXIMUM_MESSAGE, Nonce, SEALED_HEADER, TAG_LENGTH, Tag,
+    ECHO_LENGTH, Frame, HandshakeFrame, MAXIMUM_MESSAGE, Nonce, SEALED_HEADER, Sealed, TAG_LENGTH,
     sealed_header,
 };
 use crate::message::DropReason;
@@ -171,15 +171,8 @@ impl Channel {
 
     /// Opens a datagram of this session, at most once, and switches to the keys that it shows to be
     /// ready at the other end.
-    pub(super) fn open(
-        &mut self,
-        now: Instant,
-        session: u32,
-        counter: u64,
-        header: &[u8],
-        ciphertext: &[u8],
-        tag: &Tag,
-    ) -> Result<Plain, DropReason> {
+    pub(super) fn open(&mut self, now: Instant, sealed: &Sealed<'_>) -> Result<Plain, DropReason> {
+        let Sealed { session, counter, header, ciphertext, ref tag, .. } = *sealed;
         if !self.window.is_new(counter) {
             return Err(DropReason::Replayed);
         }

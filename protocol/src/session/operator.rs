@@ -329,20 +329,20 @@ impl OperatorSession {
                 }
                 self.refused(now, ConnectError::Busy(holder), &client_nonce)
             }
-            Datagram::Sealed { is_renewal, session, counter, header, ciphertext, tag } => {
+            Datagram::Sealed(sealed) => {
                 let Phase::Established(open) = &mut self.phase else {
                     return Err(DropReason::Session);
                 };
-                let plain = open.channel.open(now, session, counter, header, ciphertext, &tag)?;
+                let plain = open.channel.open(now, &sealed)?;
                 open.heard = now;
-                if is_renewal {
+                if sealed.is_renewal {
                     return self.renewed(now, &plain);
                 }
-                self.opened(now, counter, &plain)
+                self.opened(now, sealed.counter, &plain)
             }
-            Datagram::Hello { .. }
-            | Datagram::Confirm { .. }
-            | Datagram::Stop { .. }
+            Datagram::Hello(_)
+            | Datagram::Confirm(_)
+            | Datagram::Stop(_)
             | Datagram::Stopped { .. } => Err(DropReason::Malformed),
         }
     }
@@ -473,6 +473,7 @@ impl Session {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::Confirm;
     use crate::session::key::tests::SMALL_ORDER;
 
     #[test]
@@ -482,14 +483,13 @@ mod tests {
         let signer = Signer::new(&key);
         let mut operator = OperatorSession::new(key.clone(), [22; 32], now);
         let hello = operator.poll(now).unwrap();
-        let Some(Datagram::Hello { client_nonce, .. }) = Datagram::parse(&hello) else {
-            panic!("a hello")
-        };
-        let robot_nonce = [6; 16];
+        let Some(Datagram::Hello(hello)) = Datagram::parse(&hello) else { panic!("a hello") };
+        let (client_nonce, robot_nonce) = (hello.client_nonce, [6; 16]);
         let challenge = frame::challenge(&robot_nonce, |it| signer.tag(it, &[&client_nonce]));
         assert_eq!(operator.receive(now, &challenge), OperatorReceived::Progress);
         let confirm = operator.poll(now).unwrap();
-        let Some(Datagram::Confirm { client_public, tag, .. }) = Datagram::parse(&confirm) else {
+        let Some(Datagram::Confirm(Confirm { client_public, tag, .. })) = Datagram::parse(&confirm)
+        else {
             panic!("a confirm")
         };
         for public in SMALL_ORDER {

@@ -16,8 +16,8 @@ use super::{
 };
 use crate::failsafe::COMMAND_AGE;
 use crate::frame::{
-    self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, PublicKey, Purpose, RefusalReason, Tag,
-    Version,
+    self, Confirm, Datagram, Frame, HandshakeFrame, Hello, KeyId, Nonce, Purpose, RefusalReason,
+    Sealed, Stop, Tag,
 };
 use crate::message::{
     Command, DropReason, Dropped, LinkQuality, OperatorName, Refusal, ToOperator, ToRobot,
@@ -267,36 +267,20 @@ impl RobotSession {
         }
         let received = match Datagram::parse(datagram) {
             Some(
-                Datagram::Hello { client_nonce, .. }
-                | Datagram::Confirm { client_nonce, .. }
-                | Datagram::Stop { client_nonce, .. },
+                Datagram::Hello(Hello { client_nonce, .. })
+                | Datagram::Confirm(Confirm { client_nonce, .. })
+                | Datagram::Stop(Stop { client_nonce, .. }),
             ) if self.credentials.is_empty() => {
                 refuse(RefusalReason::Unprovisioned, &client_nonce, None)
             }
-            Some(Datagram::Hello { version, client_nonce, purpose, key_id, signed, tag }) => {
-                self.hello(now, from, version, &client_nonce, purpose, &key_id, signed, &tag)
-            }
-            Some(Datagram::Confirm {
-                client_nonce,
-                robot_nonce,
-                key_id,
-                client_public,
-                signed,
-                tag,
-            }) => {
-                let nonces = [&client_nonce, &robot_nonce];
-                self.confirm(now, from, nonces, &key_id, &client_public, signed, &tag)
-            }
-            Some(Datagram::Sealed { is_renewal, session, counter, header, ciphertext, tag }) => {
-                match self.opened(now, from, session, counter, header, ciphertext, &tag) {
-                    Ok(plain) if is_renewal => self.renew(now, session, &plain),
-                    Ok(plain) => self.sealed(now, counter, &plain),
-                    Err(reason) => RobotReceived::Dropped(reason, None),
-                }
-            }
-            Some(Datagram::Stop { client_nonce, robot_nonce, key_id, signed, tag }) => {
-                self.stop(now, from, &client_nonce, &robot_nonce, &key_id, signed, &tag)
-            }
+            Some(Datagram::Hello(hello)) => self.hello(now, from, &hello),
+            Some(Datagram::Confirm(confirm)) => self.confirm(now, from, &confirm),
+            Some(Datagram::Sealed(sealed)) => match self.opened(now, from, &sealed) {
+                Ok(plain) if sealed.is_renewal => self.renew(now, sealed.session, &plain),
+                Ok(plain) => self.sealed(now, sealed.counter, &plain),
+                Err(reason) => RobotReceived::Dropped(reason, None),
+            },
+            Some(Datagram::Stop(stop)) => self.stop(now, from, &stop),
             _ => RobotReceived::Dropped(DropReason::Malformed, None),
         };
         match &received {
@@ -332,24 +316,13 @@ impl RobotSession {
         Ok((peer, holder.channel.seal_copy(&[])?))
     }
 
-    #[allow(clippy::too_many_arguments, reason = "the fields of one datagram")]
-    fn hello(
-        &self,
-        now: Instant,
-        from: SocketAddr,
-        version: Version,
-        client_nonce: &Nonce,
-        purpose: Option<Purpose>,
-        key_id: &KeyId,
-        signed: &[u8],
-        claimed: &Tag,
-    ) -> RobotReceived {
+    fn hello(&self, now: Instant, from: SocketAddr, hello: &Hello<'_>) -> RobotReceived {
+        let Hello { version, client_nonce, purpose, key_id, signed, tag } = hello;
         let credential = Credential::find(&self.credentials, key_id);
-        if version != VERSION {
+        if *version != VERSION {
             return refuse(RefusalReason::Version, client_nonce, credential);
         }
-        let Some(credential) = credential.filter(|it| it.handshake.verify(signed, &[], claimed))
-        else {
+        let Some(credential) = credential.filter(|it| it.handshake.verify(signed, &[], tag)) else {
             // An operator with another key cannot verify a tag, and a flood should cost nothing.
             return refuse(RefusalReason::Key, client_nonce, None);
         };
@@ -367,17 +340,9 @@ impl RobotSession {
         RobotReceived::Answer(frame::challenge(&robot_nonce, tag))
     }
 
-    #[allow(clippy::too_many_arguments, reason = "the fields of one datagram")]
-    fn confirm(
-        &mut self,
-        now: Instant,
-        from: SocketAddr,
-        [client_nonce, robot_nonce]: [&Nonce; 2],
-        key_id: &KeyId,
-        client_public: &PublicKey,
-        signed: &[u8],
-        claimed: &Tag,
-    ) -> RobotReceived {
+    fn confirm(&mut self, now: Instant, from: SocketAddr, confirm: &Confirm<'_>) -> RobotReceived {
+        let Confirm { client_nonce, robot_nonce, key_id, client_public, signed, tag: claimed } =
+            confirm;
         let credentials = &self.credentials;
         let Some(Credential { name, key, handshake: signer, .. }) =
             Credential::proven(credentials, key_id, |it| &it.handshake, signed, claimed)
@@ -424,17 +389,8 @@ impl RobotSession {
     }
 
     /// Receives a stop outside a session. A repeated one is answered and changes nothing.
-    #[allow(clippy::too_many_arguments, reason = "the fields of one datagram")]
-    fn stop(
-        &mut self,
-        now: Instant,
-        from: SocketAddr,
-        client_nonce: &Nonce,
-        robot_nonce: &Nonce,
-        key_id: &KeyId,
-        signed: &[u8],
-        claimed: &Tag,
-    ) -> RobotReceived {
+    fn stop(&mut self, now: Instant, from: SocketAddr, stop: &Stop<'_>) -> RobotReceived {
+        let Stop { client_nonce, robot_nonce, key_id, signed, tag: claimed } = stop;
         let credentials = &self.credentials;
         let Some(Credential { name, stop: signer, .. }) =
             Credential::proven(credentials, key_id, |it| &it.stop, signed, claimed)
@@ -465,23 +421,18 @@ impl RobotSession {
     }
 
     /// Opens a sealed datagram of the holder.
-    #[allow(clippy::too_many_arguments, reason = "the fields of one datagram")]
     fn opened(
         &mut self,
         now: Instant,
         from: SocketAddr,
-        session: u32,
-        counter: u64,
-        header: &[u8],
-        ciphertext: &[u8],
-        tag: &Tag,
+        sealed: &Sealed<'_>,
     ) -> Result<Plain, DropReason> {
         self.holder
             .as_mut()
-            .filter(|holder| holder.peer == from && holder.channel.knows(session))
+            .filter(|holder| holder.peer == from && holder.channel.knows(sealed.session))
             .ok_or(DropReason::Session)?
             .channel
-            .open(now, session, counter, header, ciphertext, tag)
+            .open(now, sealed)
     }
 
     /// Makes the next keys of the session ready. A repeated request gets the same answer.

@@ -42,8 +42,7 @@ impl Attacker {
     /// Has heard what an earlier session said to this robot, and what one said to another.
     pub(super) fn new(seed: u64, earlier: Vec<Vec<u8>>, elsewhere: Vec<Vec<u8>>) -> Self {
         let random = Xoshiro256PlusPlus::seed_from_u64(seed);
-        let stop =
-            earlier.iter().find(|it| matches!(Datagram::parse(it), Some(Datagram::Stop { .. })));
+        let stop = earlier.iter().find(|it| matches!(Datagram::parse(it), Some(Datagram::Stop(_))));
         let stop = stop.cloned().unwrap_or_default();
         let (to_robot, to_operator) = (Vec::new(), Vec::new());
         let renewals = foreign_renewals();
@@ -217,7 +216,7 @@ impl Attacker {
 }
 
 fn is_confirm(datagram: &[u8]) -> bool {
-    matches!(Datagram::parse(datagram), Some(Datagram::Confirm { .. }))
+    matches!(Datagram::parse(datagram), Some(Datagram::Confirm(_)))
 }
 
 fn advance_counter(datagram: &mut [u8], step: u64) {

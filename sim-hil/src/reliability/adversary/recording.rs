@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use chacha20poly1305::aead::AeadInOut;
 use chacha20poly1305::{ChaCha20Poly1305, KeyInit};
-use flix_protocol::frame::{Datagram, ECHO_LENGTH, Nonce, PublicKey};
+use flix_protocol::frame::{Confirm, Datagram, ECHO_LENGTH, Nonce, PublicKey, Sealed};
 use flix_protocol::message::{Command, Outcome, Reply, ToOperator, ToRobot};
 use flix_protocol::session::{
     OperatorSession, RobotReceived, RobotSession, SESSION_EXPIRY, SESSION_RENEWAL, VERSION,
@@ -60,7 +60,7 @@ pub(super) fn run(seed: u64) -> Account {
         random.fill_bytes(&mut robot);
         random.fill_bytes(&mut operator);
         let recording = record(robot, operator);
-        let sealed = |it: &&Vec<u8>| matches!(Datagram::parse(it), Some(Datagram::Sealed { .. }));
+        let sealed = |it: &&Vec<u8>| matches!(Datagram::parse(it), Some(Datagram::Sealed(_)));
         account.sealed += recording.iter().filter(sealed).count() as u64;
         account.opened += open(&recording, &guesses());
         account.opened_with_secret += open(&recording, &[Ephemeral::Secret(wiped(operator))]);
@@ -131,14 +131,14 @@ fn open(recording: &[Vec<u8>], ephemerals: &[Ephemeral]) -> u64 {
     let mut opened = 0;
     for datagram in recording.iter().filter_map(|datagram| Datagram::parse(datagram)) {
         match datagram {
-            Datagram::Confirm { client_nonce, robot_nonce, client_public, .. } => {
+            Datagram::Confirm(Confirm { client_nonce, robot_nonce, client_public, .. }) => {
                 (nonces, client) = ([client_nonce, robot_nonce], client_public);
             }
             Datagram::Accept { robot_public, .. } => {
                 let first = |it: &Ephemeral| Keys::first(it, nonces, [client, robot_public]);
                 keys.extend(ephemerals.iter().map(first));
             }
-            Datagram::Sealed { is_renewal, counter, header, ciphertext, tag, .. } => {
+            Datagram::Sealed(Sealed { is_renewal, counter, header, ciphertext, tag, .. }) => {
                 let opens = |it: &Keys| it.open(counter, header, ciphertext, &tag);
                 let Some((next, plain)) = keys.iter().find_map(|it| Some((it.next, opens(it)?)))
                 else {
@@ -243,7 +243,7 @@ mod tests {
         let mut sessions = std::collections::BTreeSet::new();
         let (mut renewals, mut sealed) = (0, 0);
         for datagram in recording.iter().filter_map(|datagram| Datagram::parse(datagram)) {
-            if let Datagram::Sealed { is_renewal, session, .. } = datagram {
+            if let Datagram::Sealed(Sealed { is_renewal, session, .. }) = datagram {
                 sessions.insert(session);
                 renewals += u32::from(is_renewal);
                 sealed += 1;

@@ -176,6 +176,6 @@ pub(super) fn foreign_renewals() -> Vec<Vec<u8>> {
 
 /// Returns whether a recorded datagram renews keys.
 fn is_renewal(datagram: &[u8]) -> bool {
-    use flix_protocol::frame::Datagram;
-    matches!(Datagram::parse(datagram), Some(Datagram::Sealed { is_renewal: true, .. }))
+    use flix_protocol::frame::{Datagram, Sealed};
+    matches!(Datagram::parse(datagram), Some(Datagram::Sealed(Sealed { is_renewal: true, .. })))
 }
