@@ -6,8 +6,8 @@ use flix_protocol::DEFAULT_PORT;
 use rand::{Rng as _, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::cycles;
-use crate::network::{Datagram, Network};
+use flix_esp32c6::cycles;
+use flix_esp32c6::network::{Datagram, Network};
 
 /// Forged datagrams a second.
 const FLOOD_HZ: u64 = 1_000;

@@ -6,11 +6,11 @@ use std::time::Duration;
 use flix_protocol::provision::Request;
 use serde::Serialize;
 
-use crate::chip::ResetReason;
-use crate::cycles;
-use crate::marks::Memory;
-use crate::network::{DISCOVER, DhcpTrouble, NAME, PASSPHRASE, REQUEST, Silence, key_of};
 use crate::rig::{Rig, RigError};
+use flix_esp32c6::chip::ResetReason;
+use flix_esp32c6::cycles;
+use flix_esp32c6::marks::Memory;
+use flix_esp32c6::network::{DISCOVER, DhcpTrouble, NAME, PASSPHRASE, REQUEST, Silence, key_of};
 
 /// From the connection to an address, of which the first message was lost.
 const ADDRESS: Duration = Duration::from_secs(5);
@@ -152,7 +152,7 @@ impl Join {
         let began = rig.chip.now();
         rig.until_log("connection to the network", "wi-fi: connected")?;
         self.connected_after_s = (rig.chip.now() - began).as_secs_f64();
-        let found = wait_for(rig, ADDRESS, |rig| rig.chip.network.robot().is_some())?;
+        let found = wait_for(rig, ADDRESS, |rig| rig.chip.network.station().is_some())?;
         self.address_after_s = self.expect(found, "address", ADDRESS);
         let messages = &rig.chip.network.dhcp;
         self.dhcp_messages = messages.len();
@@ -163,7 +163,7 @@ impl Join {
         if let (Some((first, _)), Some((second, _))) = (discovers.next(), discovers.next()) {
             let [least, most] = REPETITION.map(cycles);
             if !(least..=most).contains(&(second - first)) {
-                let ms = (second - first) * 1_000 / crate::CYCLES_PER_SECOND;
+                let ms = (second - first) * 1_000 / flix_esp32c6::CYCLES_PER_SECOND;
                 self.failures.push(format!("DHCP repeats its first message after {ms} ms"));
             }
         }

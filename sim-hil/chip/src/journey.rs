@@ -15,9 +15,9 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::live::{Live, Pace, REACHED_HZ, Terminal, Watch};
-use crate::network::{NAME, PASSPHRASE};
 use crate::rig::{PATIENCE, Rig, RigError};
 use crate::session::{Hold, MODES, Times, loop_failures};
+use flix_esp32c6::network::{NAME, PASSPHRASE};
 
 /// What the robot and its second operator are called.
 const ROBOT: &str = "walker";

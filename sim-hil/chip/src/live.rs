@@ -22,9 +22,9 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use serde::Serialize;
 use socket2::{Domain, Protocol, Socket, Type};
 
-use crate::network::{Datagram, GROUP, MDNS_PORT};
 use crate::rig::{Rig, RigError};
 use crate::session::{Hold, Times};
+use flix_esp32c6::network::{Datagram, GROUP, MDNS_PORT};
 
 /// Steps of the plant between two looks at the clock and the sockets.
 const STEPS_AT_ONCE: usize = 5;

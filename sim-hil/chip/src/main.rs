@@ -9,18 +9,18 @@ use std::time::{Duration, Instant};
 
 use clap::{Parser, ValueEnum};
 use flix_chip::air::{self, Air};
-use flix_chip::chip::{ResetReason, Silicon};
-use flix_chip::image::{Image, ImageError};
 use flix_chip::join::{self, Join};
 use flix_chip::journey::{Journey, JourneyError, travel};
 use flix_chip::live::Live;
-use flix_chip::marks::Memory;
-use flix_chip::network::PASSPHRASE;
 use flix_chip::power;
 use flix_chip::restart::{self, Restart};
 use flix_chip::rig::{Rig, RigError};
 use flix_chip::session::{Battery, Hold, Report, Times, drive, magnet_failures};
 use flix_chip::start::{self, Start};
+use flix_esp32c6::chip::{ResetReason, Silicon};
+use flix_esp32c6::image::{Image, ImageError};
+use flix_esp32c6::marks::Memory;
+use flix_esp32c6::network::PASSPHRASE;
 use flix_firmware::board::EncoderKind;
 use serde::Serialize;
 

@@ -18,8 +18,8 @@ use flix_sim::rig::simulated::Truth;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::soc::{Outside, Pins};
-use crate::{CYCLES_PER_SECOND, Transfer, Wave};
+use flix_esp32c6::{CYCLES_PER_SECOND, Transfer, Wave};
+use flix_esp32c6::{Outside, Pins};
 
 /// Cycles of the chip in a step of the plant.
 pub const STEP_CYCLES: u64 = CYCLES_PER_SECOND / TICK_RATE_HZ as u64;

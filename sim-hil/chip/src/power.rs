@@ -9,10 +9,10 @@ use flix_protocol::provision::{Answer, Request};
 use flix_protocol::session::Key;
 use serde::Serialize;
 
-use crate::chip::ResetReason;
-use crate::flash::{Flash, Operation};
-use crate::image::{Image, STORE};
 use crate::rig::{Rig, RigError};
+use flix_esp32c6::chip::ResetReason;
+use flix_esp32c6::flash::{Flash, Operation};
+use flix_esp32c6::image::{Image, STORE};
 
 /// How much of a write is done when power goes.
 const WRITTEN: [f64; 1] = [0.5];
@@ -180,7 +180,7 @@ pub fn cut_all(
 ) -> Result<Cuts, RigError> {
     let cuts = Cuts::default();
     let mut subject = Subject { image, encoder, seed, stride, until_failure, progress, cuts };
-    let empty = crate::image::programmed_flash();
+    let empty = flix_esp32c6::image::programmed_flash();
     let provision = |key: [u8; 32]| {
         move |rig: &mut Rig| {
             rig.key = Key::new(key);

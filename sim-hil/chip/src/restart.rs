@@ -5,10 +5,10 @@ use std::time::Duration;
 use flix_protocol::message::{Command, Outcome, ParameterCommand, ResetReason, State};
 use serde::Serialize;
 
-use crate::chip::Place;
-use crate::cycles;
-use crate::flash::Operation;
 use crate::rig::{Rig, RigError};
+use flix_esp32c6::chip::Place;
+use flix_esp32c6::cycles;
+use flix_esp32c6::flash::Operation;
 
 /// From a hang or panic to the first instruction of the program that starts anew.
 pub const LIMIT: Duration = Duration::from_secs(1);
@@ -48,7 +48,7 @@ pub struct Restart {
     pub failures: Vec<String>,
 }
 
-/// What [`Chip::panic`](crate::chip::Chip::panic) pretends.
+/// What [`Chip::panic`](flix_esp32c6::chip::Chip::panic) pretends.
 const PANIC: &str = "a panic at emulated.rs:1";
 
 const CASES: [(Accident, Place, &str, &str); 7] = [

@@ -16,15 +16,15 @@ use flix_protocol::units::Instant;
 use flix_sim::plant::Diverged;
 use flix_sim::rig::simulated::Truth;
 
-use crate::CYCLES_PER_SECOND;
-use crate::chip::{Chip, ResetReason, Stop};
-use crate::cycles;
-use crate::flash::Flash;
 use crate::flood::Flood;
-use crate::image::{Image, programmed_flash};
-use crate::network::{ACCESS_POINTS, Datagram, NAME, PASSPHRASE};
 use crate::pins::{Robot, STEP_CYCLES};
-use crate::radio::Times;
+use flix_esp32c6::CYCLES_PER_SECOND;
+use flix_esp32c6::RadioTimes as Times;
+use flix_esp32c6::chip::{Chip, ResetReason, Stop};
+use flix_esp32c6::cycles;
+use flix_esp32c6::flash::Flash;
+use flix_esp32c6::image::{Image, programmed_flash};
+use flix_esp32c6::network::{ACCESS_POINTS, Datagram, NAME, PASSPHRASE};
 
 /// How long an operator waits for an answer, for arming (which may align first), for a restart.
 pub const PATIENCE: Duration = Duration::from_secs(20);

@@ -9,9 +9,9 @@ use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
 use flix_sim::rig::bench::setpoint;
 use serde::Serialize;
 
-use crate::CYCLES_PER_SECOND;
 use crate::pins::BOARD;
 use crate::rig::{Rig, RigError};
+use flix_esp32c6::CYCLES_PER_SECOND;
 
 /// The paper's five modes (Table IV), and the reversal that the last one is to the one before: Hz, degrees.
 pub const MODES: [(&str, f64, f64); 5] = [

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::CYCLES_PER_SECOND;
-use crate::chip::Chip;
-use crate::cycles;
-use crate::early::Line;
 use crate::pins::Robot;
+use flix_esp32c6::CYCLES_PER_SECOND;
+use flix_esp32c6::chip::Chip;
+use flix_esp32c6::cycles;
+use flix_esp32c6::early::Line;
 
 /// All of it is done so soon after the image's first instruction: the HAL sets up the clocks in 1.4 ms, and flash and radio
 /// come later.

@@ -8,13 +8,11 @@
 use std::collections::{HashMap, VecDeque};
 use std::time::Duration;
 
-use flix_protocol::network_key::is_key;
-
 use crate::block::cycles;
 use crate::cpu::Cpu;
 use crate::fault::Trouble;
 use crate::memory::{RADIO, RADIO_BYTES, ROM, ROM_BYTES, SCRATCH};
-use crate::network::{Network, Silence, key_of};
+use crate::network::{Network, Silence, is_key, key_of};
 use crate::soc::{Outside, Soc};
 
 /// Where a call of the image by the library returns to: an address that no function has.

@@ -7,7 +7,7 @@ use crate::registers::Values;
 
 /// Block, offsets, and why its effect is outside of what is emulated.
 const HELD: [(&str, std::ops::RangeInclusive<u32>, &str); 17] = [
-    ("PMU", 0x000..=0x154, "power domains: all are on while a robot runs"),
+    ("PMU", 0x000..=0x154, "power domains: all are on while the image runs"),
     ("LP_CLKRST", 0x00..=0x28, "clocks of the low-power side run at their nominal rate"),
     ("LP_AON", 0x00..=0x50, "memory that survives resets, and pads that are not held"),
     ("LP_IO", 0x00..=0x78, "low-power pads: all pins belong to the matrix"),

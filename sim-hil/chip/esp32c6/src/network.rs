@@ -1,19 +1,20 @@
-//! The network that the robot's radio is on: an access point and one peer at its address, who answers ARP and DHCP and
+//! The network that the chip's radio is on: an access point and one peer at its address, who answers ARP and DHCP and
 //! carries UDP to and from whoever runs the emulation. It delays, loses, and can go away.
 //!
-//! Its addresses are loopback addresses, so that the one that the robot is given, and announces, is also where this
+//! Its addresses are loopback addresses, so that the one that the station is given, and announces, is also where this
 //! computer finds it.
 
 use std::collections::VecDeque;
 use std::sync::LazyLock;
 
-use flix_protocol::network_key::{NetworkKey, is_key};
+use pbkdf2::pbkdf2_hmac;
+use sha1::Sha1;
 
 use crate::block::CYCLES_PER_SECOND;
 
 /// The peer, which is also gateway and DHCP server.
 pub const PEER: [u8; 4] = [127, 0, 0, 1];
-/// What DHCP gives to the robot, unless [`Network::lease`] is changed.
+/// What DHCP gives to the station, unless [`Network::lease`] is changed.
 const LEASE: [u8; 4] = [127, 0, 0, 7];
 /// Group and port of multicast DNS (RFC 6762, section 3).
 pub const GROUP: [u8; 4] = [224, 0, 0, 251];
@@ -67,20 +68,28 @@ pub const CHANNELS: u64 = 13;
 pub const NAME: &str = "lab";
 /// See [`NAME`].
 pub const PASSPHRASE: &str = "correct horse battery staple";
-/// Its access points in the order of their channels: channel and power at the robot, dBm.
+/// Rounds in which a pass phrase makes a key (IEEE 802.11, annex J).
+const ROUNDS: u32 = 4_096;
+/// Its access points in the order of their channels: channel and power at the station, dBm.
 pub const ACCESS_POINTS: [(u64, i32); 2] = [(1, -78), (11, -42)];
+
+/// Returns whether a password is the key itself, in 64 digits (IEEE 802.11, annex J).
+pub(crate) fn is_key(password: &str) -> bool {
+    password.len() == 64 && password.bytes().all(|it| it.is_ascii_hexdigit())
+}
 
 /// Returns the key that a network of this name has with this password; none for an open network.
 #[must_use]
 pub fn key_of(name: &str, password: &str) -> Option<[u8; 32]> {
-    let digits = match password {
-        "" => return None,
-        key if is_key(key) => key.to_owned(),
-        passphrase => NetworkKey::new(name, passphrase).advance(u32::MAX)?.as_str().to_owned(),
-    };
     let mut key = [0; 32];
-    for (byte, pair) in key.iter_mut().zip(digits.as_bytes().chunks(2)) {
-        *byte = u8::from_str_radix(core::str::from_utf8(pair).ok()?, 16).ok()?;
+    if is_key(password) {
+        for (byte, pair) in key.iter_mut().zip(password.as_bytes().chunks(2)) {
+            *byte = u8::from_str_radix(core::str::from_utf8(pair).ok()?, 16).ok()?;
+        }
+    } else if password.is_empty() {
+        return None;
+    } else {
+        pbkdf2_hmac::<Sha1>(password.as_bytes(), name.as_bytes(), ROUNDS, &mut key);
     }
     Some(key)
 }
@@ -121,7 +130,7 @@ impl Silence {
 /// What DHCP does wrong.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct DhcpTrouble {
-    /// So many of the robot's next messages are lost.
+    /// So many of the station's next messages are lost.
     pub lost: u32,
     /// The server refuses each request.
     pub refuses: bool,
@@ -129,7 +138,7 @@ pub struct DhcpTrouble {
     pub has_refuser: bool,
 }
 
-/// A datagram between the robot and a port of the peer, or from the robot to all that listen for robots.
+/// A datagram between the station and a port of the peer, or from the station to all that listen in the group.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Datagram {
     /// The peer's port; [`MDNS_PORT`] is everybody's.
@@ -143,7 +152,7 @@ pub struct Datagram {
 pub struct Network {
     /// How the air treats frames from now on.
     pub air: Air,
-    /// What DHCP gives to the robot.
+    /// What DHCP gives to the station.
     pub lease: [u8; 4],
     /// Its key; none where it is open.
     pub key: Option<[u8; 32]>,
@@ -151,18 +160,18 @@ pub struct Network {
     pub silence: Silence,
     /// What DHCP does wrong.
     pub trouble: DhcpTrouble,
-    /// Messages of DHCP that the robot sent: when, and of which kind.
+    /// Messages of DHCP that the station sent: when, and of which kind.
     pub dhcp: Vec<(u64, u8)>,
     /// The host name that it gave with the last of them.
     pub host_name: Option<Vec<u8>>,
-    /// Reports of the robot that it is in the group of multicast DNS (IGMP).
+    /// Reports of the station that it is in the group of multicast DNS (IGMP).
     pub group_reports: u64,
-    robot: Option<([u8; 6], [u8; 4])>,
-    to_robot: VecDeque<(u64, Vec<u8>)>,
-    from_robot: VecDeque<(u64, Datagram)>,
+    station: Option<([u8; 6], [u8; 4])>,
+    to_station: VecDeque<(u64, Vec<u8>)>,
+    from_station: VecDeque<(u64, Datagram)>,
     identification: u16,
     random: u64,
-    /// Frames that reached the robot, and that it sent.
+    /// Frames that reached the station, and that it sent.
     pub frames: [u64; 2],
 }
 
@@ -177,9 +186,9 @@ impl Default for Network {
             dhcp: Vec::new(),
             host_name: None,
             group_reports: 0,
-            robot: None,
-            to_robot: VecDeque::new(),
-            from_robot: VecDeque::new(),
+            station: None,
+            to_station: VecDeque::new(),
+            from_station: VecDeque::new(),
             identification: 0,
             random: 0x2545_F491_4F6C_DD1D,
             frames: [0; 2],
@@ -188,10 +197,10 @@ impl Default for Network {
 }
 
 impl Network {
-    /// Returns the robot's address, once it has sent something.
+    /// Returns the station's address, once it has sent something.
     #[must_use]
-    pub fn robot(&self) -> Option<[u8; 4]> {
-        self.robot.map(|(_, address)| address)
+    pub fn station(&self) -> Option<[u8; 4]> {
+        self.station.map(|(_, address)| address)
     }
 
     /// Returns how many channels are scanned to find a network of this name, and the power of the access point that is
@@ -221,29 +230,29 @@ impl Network {
     fn send(&mut self, frame: Vec<u8>, now: u64) {
         if self.survives() {
             let at = self.arrival(now);
-            self.to_robot.push_back((at, frame));
+            self.to_station.push_back((at, frame));
         }
     }
 
-    /// Returns when the next frame reaches the robot.
+    /// Returns when the next frame reaches the station.
     pub(crate) fn next_event(&self) -> u64 {
-        self.to_robot.front().map_or(u64::MAX, |(at, _)| *at)
+        self.to_station.front().map_or(u64::MAX, |(at, _)| *at)
     }
 
-    /// Returns the next frame that has reached the robot.
+    /// Returns the next frame that has reached the station.
     pub(crate) fn arrived(&mut self, now: u64) -> Option<Vec<u8>> {
-        self.to_robot.front().filter(|(at, _)| *at <= now)?;
+        self.to_station.front().filter(|(at, _)| *at <= now)?;
         self.frames[0] += 1;
-        self.to_robot.pop_front().map(|(_, frame)| frame)
+        self.to_station.pop_front().map(|(_, frame)| frame)
     }
 
-    /// Sends a datagram from a port of the peer to a port of the robot, if the robot is known. That of multicast DNS is
+    /// Sends a datagram from a port of the peer to a port of the station, if the station is known. That of multicast DNS is
     /// reached through its group.
-    pub fn send_datagram(&mut self, datagram: &Datagram, robot_port: u16, now: u64) {
-        let group = (robot_port == MDNS_PORT).then_some((GROUP_MAC, GROUP));
-        if let Some((mac, address)) = group.or(self.robot) {
+    pub fn send_datagram(&mut self, datagram: &Datagram, station_port: u16, now: u64) {
+        let group = (station_port == MDNS_PORT).then_some((GROUP_MAC, GROUP));
+        if let Some((mac, address)) = group.or(self.station) {
             self.identification = self.identification.wrapping_add(1);
-            let ports = [datagram.port, robot_port];
+            let ports = [datagram.port, station_port];
             let packet = udp(PEER, address, ports, &datagram.payload, self.identification);
             self.send(ethernet(mac, IPV4, &packet), now);
         }
@@ -251,11 +260,11 @@ impl Network {
 
     /// Returns the next datagram that has reached the peer.
     pub fn receive_datagram(&mut self, now: u64) -> Option<Datagram> {
-        self.from_robot.front().filter(|(at, _)| *at <= now)?;
-        self.from_robot.pop_front().map(|(_, datagram)| datagram)
+        self.from_station.front().filter(|(at, _)| *at <= now)?;
+        self.from_station.pop_front().map(|(_, datagram)| datagram)
     }
 
-    /// Takes a frame that the robot sends.
+    /// Takes a frame that the station sends.
     pub(crate) fn transmit(&mut self, frame: &[u8], now: u64) {
         self.frames[1] += 1;
         if frame.len() < 34 || !self.survives() {
@@ -269,7 +278,7 @@ impl Network {
         }
     }
 
-    /// Every address but the robot's own is the peer's.
+    /// Every address but the station's own is the peer's.
     fn answer_arp(&mut self, mac: [u8; 6], frame: &[u8], now: u64) {
         let is_request = frame.len() >= 42 && frame[20..22] == [0, 1];
         if !is_request {
@@ -290,7 +299,7 @@ impl Network {
         let header = usize::from(packet[0] & 15) * 4;
         let (source, target): ([u8; 4], [u8; 4]) = (array(&packet[12..]), array(&packet[16..]));
         if source != [0; 4] {
-            self.robot = Some((mac, source));
+            self.station = Some((mac, source));
         }
         let is_report = packet[9] == IGMP && packet.get(header) == Some(&IGMP_REPORT);
         if is_report && packet.get(header + 4..header + 8) == Some(&GROUP) {
@@ -307,7 +316,7 @@ impl Network {
         } else if target == PEER || target == GROUP {
             let at = self.arrival(now);
             let payload = payload.to_vec();
-            self.from_robot.push_back((at, Datagram { port: word(2), payload }));
+            self.from_station.push_back((at, Datagram { port: word(2), payload }));
         }
     }
 
@@ -417,11 +426,11 @@ fn check_sum(bytes: &[u8]) -> u16 {
 mod tests {
     use super::*;
 
-    const ROBOT_MAC: [u8; 6] = [2, 0, 0, 0, 0, 9];
+    const STATION_MAC: [u8; 6] = [2, 0, 0, 0, 0, 9];
 
     fn request(target: [u8; 4]) -> Vec<u8> {
-        let body = [&[0, 1, 8, 0, 6, 4, 0, 1], &ROBOT_MAC[..], &LEASE, &[0; 6], &target].concat();
-        [&BROADCAST[..], &ROBOT_MAC, &ARP, &body].concat()
+        let body = [&[0, 1, 8, 0, 6, 4, 0, 1], &STATION_MAC[..], &LEASE, &[0; 6], &target].concat();
+        [&BROADCAST[..], &STATION_MAC, &ARP, &body].concat()
     }
 
     #[test]
@@ -430,7 +439,7 @@ mod tests {
         network.transmit(&request(PEER), 0);
         assert_eq!(network.arrived(319_999), None);
         let answer = network.arrived(320_000).unwrap();
-        assert_eq!(answer[..6], ROBOT_MAC);
+        assert_eq!(answer[..6], STATION_MAC);
         assert_eq!(answer[22..28], PEER_MAC);
         network.transmit(&request(LEASE), 0);
         assert_eq!(network.next_event(), u64::MAX, "asks whether its own address is free");

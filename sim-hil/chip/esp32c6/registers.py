@@ -1,7 +1,7 @@
 """Writes registers.txt: names, offsets and reset values of the ESP32-C6's registers.
 
 The facts are taken from the source of the PAC crate `esp32c6` (by esp-rs, made from Espressif's SVD), where cargo
-keeps it: `cargo fetch --target riscv32imac-unknown-none-elf`, then `python3 sim-hil/chip/registers.py`.
+keeps it: `cargo fetch --target riscv32imac-unknown-none-elf`, then `python3 sim-hil/chip/esp32c6/registers.py`.
 Blocks that a robot never touches (cryptography, other buses) are left out.
 """
 
