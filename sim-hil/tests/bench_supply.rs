@@ -166,7 +166,7 @@ fn shaken(
     measures_current: bool,
     (flux, resistance): (f64, f64),
     settings: &[(&str, f64)],
-    course: &[(f64, u64)],
+    course: &[(f64, f64)],
 ) -> (f64, Faults) {
     let mut model = RobotModel::named("W").unwrap();
     let electrical = &mut model.electrical;
@@ -187,7 +187,7 @@ fn shaken(
     for (f, seconds) in course {
         operation.hold(setpoint(*f, DIRECTION_DEG).unwrap());
         let look = |truth: &Truth| highest = highest.max(truth.bus_voltage);
-        operation.run(Duration::from_secs(*seconds), look).unwrap();
+        operation.run(Duration::from_secs_f64(*seconds), look).unwrap();
     }
     (highest / set, operation.robot.report().faults)
 }
@@ -196,8 +196,19 @@ fn shaken(
 fn a_reversal_of_motors_that_do_not_reach_what_is_asked_lifts_no_supply() {
     for measures_current in [true, false] {
         for motor in [(5.0, 5.0), (6.0, 4.0), (5.0, 2.5)] {
-            let seen = shaken(measures_current, motor, &[], &[(35.0, 3), (-35.0, 2)]);
+            let seen = shaken(measures_current, motor, &[], &[(35.0, 3.0), (-35.0, 2.0)]);
             assert!(seen.0 < LARGEST_RISE && seen.1 == Faults::NONE, "{motor:?}: {seen:?}");
+        }
+    }
+}
+
+#[test]
+fn f_beyond_the_ceiling_that_is_raised_again_while_it_falls_lifts_no_supply() {
+    for measures_current in [true, false] {
+        for (low, seconds) in [(10.0, 0.06), (0.0, 0.1), (-35.0, 0.1), (20.0, 0.04)] {
+            let course = [(35.0, 3.0), (low, seconds), (35.0, 0.5)];
+            let seen = shaken(measures_current, (4.2, 5.0), &[], &course);
+            assert!(seen.0 < LARGEST_RISE && seen.1 == Faults::NONE, "{low} Hz: {seen:?}");
         }
     }
 }
@@ -206,7 +217,7 @@ fn a_reversal_of_motors_that_do_not_reach_what_is_asked_lifts_no_supply() {
 fn a_slow_reversal_of_motors_at_their_limits_is_no_lost_lock() {
     for measures_current in [true, false] {
         let ramp = [("frequency_ramp", 5.0)];
-        let seen = shaken(measures_current, (4.2, 5.0), &ramp, &[(35.0, 12), (-35.0, 12)]);
+        let seen = shaken(measures_current, (4.2, 5.0), &ramp, &[(35.0, 12.0), (-35.0, 12.0)]);
         assert!(seen.0 < LARGEST_RISE && seen.1 == Faults::NONE, "{seen:?}");
     }
 }

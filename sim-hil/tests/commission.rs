@@ -113,6 +113,7 @@ fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_sta
         (false, 0.004, 85, 200),
         (false, 0.004, 70, 1),
         (false, 0.004, 85, 15),
+        (false, 0.002, 64, 53),
         (true, 0.004, 63, 200),
         (true, 0.004, 66, 200),
         (true, 0.004, 70, 1),

@@ -327,6 +327,11 @@ impl Shaker {
         self.reference.is_slowing()
     }
 
+    /// Returns whether it is lowered so steeply that they give back more than they take.
+    pub(crate) const fn gives_back(&self) -> bool {
+        self.reference.gives_back()
+    }
+
     /// Returns by how much twice theta is off, 2^-32 turn.
     pub(crate) const fn sum_error(&self) -> i32 {
         self.sum_error

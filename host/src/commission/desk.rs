@@ -41,9 +41,9 @@ const THIRDS: usize = 3;
 /// By how much the largest of these may be above the smallest, as a share, times the root of the ramps that count. On a body that
 /// stands on its legs it is up to 0.12, on one that is held 0.04; a rotor that begins to rub makes 0.6 or more of it.
 const LARGEST_UNEVENNESS: f64 = 0.3;
-/// Change of friction from before the ramps until after them, as a share of the current that speeds a rotor up: on legs it is up
-/// to 0.033, on a body that is held 0.009.
-const LARGEST_CHANGE: f64 = 0.06;
+/// Change of friction, fast and slow, from before the ramps to their ends and until after them, as a share of the current that speeds a
+/// rotor up. On legs it is up to 0.052 and 0.019; friction of 1 mN m more, for which resistance comes out a tenth wrong, makes 0.04.
+const LARGEST_CHANGES: [f64; 2] = [0.08, 0.03];
 /// Current times time of a ramp, A s, from which on friction and noise are little beside it. A motor that makes much torque of little
 /// current takes less, and more ramps.
 const FULL_IMPULSE: f64 = 8e-3;
@@ -379,7 +379,12 @@ impl<'a, S: Subject> Desk<'a, S> {
                 all.iter().map(|it| of(&it[motor])).sum::<f64>() / captures as f64
             };
             let voltage = [mean(|it| it.voltage[0]), mean(|it| it.voltage[1])];
-            Steady { speed: mean(|it| it.speed), current: mean(|it| it.current), voltage }
+            Steady {
+                speed: mean(|it| it.speed),
+                swing: mean(|it| it.swing),
+                current: mean(|it| it.current),
+                voltage,
+            }
         }))
     }
 
@@ -399,7 +404,8 @@ impl<'a, S: Subject> Desk<'a, S> {
         let columns = self.capture(step, u16::MAX)?;
         Ok([0, 1].map(|motor| {
             let mean = |column: usize| columns.mean(4 * motor + column);
-            Steady { speed: mean(0), current: mean(1), voltage: [mean(2), mean(3)] }
+            let swing = columns.deviation(4 * motor);
+            Steady { speed: mean(0), swing, current: mean(1), voltage: [mean(2), mean(3)] }
         }))
     }
 
@@ -467,17 +473,19 @@ impl<'a, S: Subject> Desk<'a, S> {
 }
 
 /// Returns by how much the current that a rotor takes changed among its ramps, as a share of what speeds it up, A, where that is too
-/// much. Two changes before the ramps and two after them show its friction.
+/// much. Two changes before the ramps and two after them show its friction, fast and slow, and so do the ends of the ramps.
 fn change_meanwhile(changes: &[Change], speeds_up: f64) -> Option<f64> {
     let (before, others) = changes.split_at(2);
     let (ramps, after) = others.split_at(others.len() - 2);
-    let rubs = before
-        .iter()
-        .zip(after)
-        .map(|(before, after)| (mean(&after.current) - mean(&before.current)).abs() / speeds_up)
-        .fold(0.0, f64::max);
-    if rubs > LARGEST_CHANGE {
-        return Some(rubs);
+    for (place, limit) in LARGEST_CHANGES.into_iter().enumerate() {
+        let ends: Vec<f64> = ramps.iter().map(|ramp| mean(ramp.ends()[place])).collect();
+        let [before, after] = [before, after].map(|them| mean(&them[place].current));
+        let friction = [before, mean(&ends), after];
+        let most = friction.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let change = (most - friction.into_iter().fold(f64::INFINITY, f64::min)) / speeds_up.abs();
+        if change > limit {
+            return Some(change);
+        }
     }
     let (least, most) = ramps
         .chunks(ramps.len().div_ceil(THIRDS))
@@ -502,5 +510,11 @@ impl Columns {
 
     pub(super) fn mean(&self, column: usize) -> f64 {
         mean(&self.of(column))
+    }
+
+    /// Returns the standard deviation.
+    fn deviation(&self, column: usize) -> f64 {
+        let (column, about) = (self.of(column), self.mean(column));
+        mean(&column.iter().map(|it| (it - about).powi(2)).collect::<Vec<_>>()).sqrt()
     }
 }

@@ -225,6 +225,20 @@ pub enum Finding {
         /// Of the inertia.
         share: f64,
     },
+    /// It does not run steadily.
+    #[error(
+        "the {} rotor swings by {:.1} Hz about {:.0} Hz with either position loop, which spoils what is measured: hold the body, \
+         and look whether something rubs or the magnet is loose",
+        motor_name(*motor), swing, frequency.abs()
+    )]
+    Swings {
+        /// Names the motor: 0 is the top one.
+        motor: usize,
+        /// Standard deviation of its speed, Hz.
+        swing: f64,
+        /// The frequency that was held, Hz.
+        frequency: f64,
+    },
     /// What it takes changed among its ramps.
     #[error(
         "the current that the {} rotor takes changed meanwhile, by {:.0} % of what speeds it up: does something rub on it now and \

@@ -104,6 +104,9 @@ const CAREFUL: [f64; 2] = [60.0, 10.0];
 /// That of position loops, Hz, where the resistance leaves no voltage for the current that loops may ask for at the fastest: what is
 /// cut of their swinging would blur what is measured.
 const CALM: f64 = 6.0;
+/// Standard deviation of a rotor's speed, as a share of it, from which on the angle that swings with it makes the back-EMF look a
+/// hundredth smaller. Rotors of a robot on its legs swing by up to 0.02.
+const LARGEST_SWING: f64 = 0.03;
 /// Phase voltage that a bridge gives, as a share of the bus.
 const PHASE_SHARE: f64 = 0.577;
 const QUICK: [f64; 2] = [125.0, 20.0];
@@ -276,7 +279,7 @@ fn measure<S: Subject>(
 }
 
 /// Runs with the position loop, of this bandwidth in Hz, that suits motors of this resistive voltage on this bus, V; where the phase
-/// lock is lost, again with the other one.
+/// lock is lost or the rotors swing, again with the other one.
 fn with_either_loop<S: Subject, T>(
     desk: &mut Desk<'_, S>,
     resistive: f64,
@@ -294,6 +297,7 @@ fn with_either_loop<S: Subject, T>(
             desk.clear(step)?;
             run(desk, second)
         }
+        Err(CommissionError::Found(Finding::Swings { .. })) => run(desk, second),
         ran => ran,
     }
 }
@@ -347,6 +351,12 @@ impl Runs {
             let mut back_emfs = [[BackEmf::default(); 2]; 2];
             for (way, frequency) in [frequency, -frequency].into_iter().enumerate() {
                 for (motor, steady) in desk.steady(speed, frequency)?.into_iter().enumerate() {
+                    let swing = steady.swing;
+                    if speed == Step::Fast && swing > LARGEST_SWING * frequency.abs() {
+                        desk.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
+                        let finding = Finding::Swings { motor, swing, frequency };
+                        return Err(CommissionError::Found(finding));
+                    }
                     back_emfs[motor][way] = BackEmf::of(&steady, &circuits[motor], pairs);
                 }
             }

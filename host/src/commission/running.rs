@@ -20,6 +20,8 @@ use super::phases::{Circuit, TICK};
 pub struct Steady {
     /// Speed of the rotor, Hz.
     pub speed: f64,
+    /// Standard deviation of the speed, Hz.
+    pub swing: f64,
     /// q current, A.
     pub current: f64,
     /// d and q voltage, V.
@@ -83,6 +85,21 @@ pub struct Change {
     pub current: Vec<f64>,
     /// Speed of the rotor, Hz.
     pub speed: Vec<f64>,
+}
+
+impl Change {
+    /// Returns the current of the rows in which it is steady, at the faster end and at the slower one.
+    pub(super) fn ends(&self) -> [&[f64]; 2] {
+        let [first, last] = self.steady.map(|rows| rows.min(self.current.len()));
+        let ends = [&self.current[..first], &self.current[self.current.len() - last..]];
+        let magnitude = |speed: Option<&f64>| speed.map_or(0.0, |it| it.abs());
+        let [first, last] = ends;
+        if magnitude(self.speed.first()) > magnitude(self.speed.last()) {
+            ends
+        } else {
+            [last, first]
+        }
+    }
 }
 
 /// Returns the current that a rotor takes for each rad/s^2, A s^2/rad, from changes of its speed. Speeds count where they are
