@@ -1,12 +1,18 @@
 //! f within 0.05 Hz and theta within 1 degree (root mean square), the line of force within 1 degree and 2 %
 //! across: at every commanded pair, on a fixed and on a yielding base, by the plant's truth.
 
+use std::time::Duration;
+
+use flix_protocol::message::Faults;
+use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::electronics::sensor::as5600;
 use flix_sim::reliability::accuracy::hold_all_directions;
 use flix_sim::reliability::commissioned::draw;
 use flix_sim::reliability::stranger::{Watched, measured_by_hand};
-use flix_sim::rig::bench::{BASES, Base, FREQUENCIES, Subject};
+use flix_sim::rig::bench::{BASES, Base, FREQUENCIES, Subject, setpoint};
+use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
+use flix_sim::rig::simulated::Truth;
 use rayon::prelude::*;
 
 fn failures(subject: &Subject, bases: &[Base], frequencies: &[f64]) -> Vec<String> {
@@ -34,6 +40,26 @@ fn holds_the_fastest_and_slowest_pairs_of_other_robots_too() {
     for seed in [7, 42] {
         let subject = Subject::of_seed(seed);
         assert_eq!(failures(&subject, &[Base::Free], &[-35.0, 10.0]), Vec::<String>::new());
+    }
+}
+
+#[test]
+fn a_rotor_that_rubs_takes_what_f_can_spare_before_theta_is_off() {
+    for (motor, held, f) in [(0, 0.045, 8.0), (1, 0.036, -20.0), (0, 0.04, 35.0)] {
+        let mut operation = Subject::of_seed(1).on(Base::Fixed).unwrap();
+        operation.arm().unwrap();
+        let begins = operation.now();
+        let rubs = HardwareFault::Jammed(motor, held);
+        let ends = begins + Duration::from_secs(9);
+        operation.robot.disturb(Injected::new(rubs, begins, ends, 1));
+        operation.hold(setpoint(f, 20.0).unwrap());
+        operation.run(Duration::from_secs(4), |_| {}).unwrap();
+        let mut off = 0.0_f64;
+        let seen =
+            |truth: &Truth| off = off.max(line_error(truth.direction, 20_f64.to_radians()).abs());
+        operation.run(Duration::from_secs(2), seen).unwrap();
+        assert!(off.to_degrees() < 1.0, "{held} N m at {f} Hz: {} degrees", off.to_degrees());
+        assert_eq!(operation.robot.report().faults, Faults::NONE);
     }
 }
 

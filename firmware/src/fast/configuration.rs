@@ -8,7 +8,7 @@ use crate::fast::foc::burning;
 use crate::fast::foc::current::{DELAY_BITS, Model, PROPORTIONAL_BITS, REACTANCE_BITS};
 use crate::fast::foc::modulation::dead_time_slope;
 use crate::fast::reference::{Ramps, STRIDE};
-use crate::fast::shaker::{LAG_BITS, LARGEST_ACCELERATION, ShakerModel};
+use crate::fast::shaker::{INTEGRAL_BITS, LAG_BITS, LARGEST_ACCELERATION, ShakerModel};
 use crate::fast::tracker::{ANGLE_GAIN_BITS, EncoderModel, TABLE_LENGTH};
 use crate::hardware::Hardware;
 use crate::settings::Settings;
@@ -313,7 +313,7 @@ pub(crate) fn position_loop(settings: &Settings) -> ShakerModel {
     ShakerModel {
         proportional: scaled(natural * natural, 40),
         derivative: scaled(2.0 * natural, 32),
-        integral: scaled(INTEGRAL_SHARE * 2.0 * natural * natural * natural, 48),
+        integral: scaled(INTEGRAL_SHARE * 2.0 * natural * natural * natural, INTEGRAL_BITS),
         current_per_acceleration: gains.map(per_acceleration),
         lag: 0,
         acceleration_shift,

@@ -7,6 +7,7 @@ use std::vec::Vec;
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::burning;
 use crate::fast::foc::current::{DELAY_BITS, PROPORTIONAL_BITS, REACTANCE_BITS};
+use crate::fast::shaker::INTEGRAL_BITS;
 use crate::fast::tracker::ANGLE_GAIN_BITS;
 use crate::hardware::Hardware;
 use crate::settings::{Settings, TABLE};
@@ -95,7 +96,7 @@ fn gains(settings: &Settings, hardware: &Hardware) -> Vec<Gain> {
         ("speed_gain", encoder.speed_gain, 32, tracker * tracker),
         ("kp", shaker.proportional, 40, natural * natural),
         ("kd", shaker.derivative, 32, 2.0 * natural),
-        ("ki", shaker.integral, 48, 0.12 * natural.powi(3)),
+        ("ki", shaker.integral, INTEGRAL_BITS as i32, 0.12 * natural.powi(3)),
         (
             "current_per_acceleration",
             shaker.current_per_acceleration[1],

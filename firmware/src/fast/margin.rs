@@ -30,7 +30,7 @@ use crate::board::EncoderKind;
 use crate::fast::configuration::{braking, position_loop, regulator, tracker};
 use crate::fast::foc::current::{Model, PROPORTIONAL_BITS};
 use crate::fast::reference::STRIDE;
-use crate::fast::shaker::ShakerModel;
+use crate::fast::shaker::{INTEGRAL_BITS, ShakerModel};
 use crate::fast::tracker::{ANGLE_GAIN_BITS, EncoderModel};
 use crate::settings::Settings;
 use crate::units::TICK_US;
@@ -154,7 +154,7 @@ impl Loop {
         let kp = per(proportional, 40);
         Self {
             natural: root(kp),
-            position: [kp, per(derivative, 32), per(integral, 48)],
+            position: [kp, per(derivative, 32), per(integral, INTEGRAL_BITS)],
             tracker: [per(angle_gain, ANGLE_GAIN_BITS), per(speed_gain, 32)],
             forward: latency_us as f32 / TICK_US as f32 + READING_AGE,
             regulator: if measures_current { regulator } else { [regulator[0], 0.0] },

@@ -76,7 +76,11 @@ const SLOWEST_ADAPTATION: Speed = Speed::from_centihertz(500);
 /// One over the f to which the second harmonic of the difference is normalised: 2^40 / 35 Hz.
 const INVERSE_NORMAL_FREQUENCY: i32 =
     ((1_u64 << 40) / Speed::from_centihertz(3_500).raw() as u64) as i32;
-/// Largest integral, 2^-48 turn per tick^2.
+/// Fixed point of an integral: as much torque as the motors have, 90 mN m of rotors of 94 g cm^2, fits.
+pub(crate) const INTEGRAL_BITS: u32 = 46;
+/// What takes an integral to 2^-40.
+const INTEGRAL_SHIFT: u32 = INTEGRAL_BITS - 40;
+/// Largest integral, turn per tick^2 in 2^-[`INTEGRAL_BITS`].
 const LARGEST_INTEGRAL: i32 = i32::MAX >> 1;
 /// Largest acceleration of a coordinate, 2^-40 turn per tick^2: 12 times what two amperes give.
 pub(crate) const LARGEST_ACCELERATION: i32 = 1 << 27;
@@ -102,7 +106,7 @@ pub(crate) struct ShakerModel {
     pub(crate) proportional: i32,
     /// `kd` per tick, 2^-32.
     pub(crate) derivative: i32,
-    /// `ki` per tick^3, 2^-48.
+    /// `ki` per tick^3, 2^-[`INTEGRAL_BITS`].
     pub(crate) integral: i32,
     /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2) times 2^`acceleration_shift`, in 2^-32.
     pub(crate) current_per_acceleration: [i32; 2],
@@ -118,7 +122,7 @@ pub(crate) struct ShakerModel {
     pub(crate) ramps: Ramps,
 }
 
-/// One of the two coordinates: integral and adapted amplitudes, all in 2^-48 turn per tick^2.
+/// One of the two coordinates: its integral, in 2^-[`INTEGRAL_BITS`], and adapted amplitudes, in 2^-48 turn per tick^2.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Coordinate {
     integral: i32,
@@ -377,8 +381,8 @@ impl Shaker {
 
     /// Returns the clockwise currents of top and bottom motor that keep the rotors turning as they do: what has been integrated.
     pub(crate) fn load(&self, model: &ShakerModel) -> [Current; 2] {
-        let [sum, difference] =
-            [self.sum_coordinate, self.difference_coordinate].map(|it| it.integral >> 8);
+        let [sum, difference] = [self.sum_coordinate, self.difference_coordinate]
+            .map(|it| it.integral >> INTEGRAL_SHIFT);
         let [top_gain, bottom_gain] = model.current_per_acceleration;
         [(sum + difference, top_gain), (sum - difference, bottom_gain)].map(
             |(acceleration, gain)| {
@@ -457,11 +461,11 @@ impl Shaker {
         let difference_speed_error = difference_speed_error.wrapping_sub(ripple.speed);
         let u_sum = acceleration_sum
             + feedback(model, self.sum_error, sum_speed_error)
-            + (self.sum_coordinate.integral >> 8)
+            + (self.sum_coordinate.integral >> INTEGRAL_SHIFT)
             + periodic_sum;
         let u_difference = acceleration_difference
             + feedback(model, self.difference_error, difference_speed_error)
-            + (self.difference_coordinate.integral >> 8)
+            + (self.difference_coordinate.integral >> INTEGRAL_SHIFT)
             + periodic_difference;
 
         // theta first: what it takes is not there for f.

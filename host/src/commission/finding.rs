@@ -242,7 +242,7 @@ pub enum Finding {
     /// What it takes changed among its ramps.
     #[error(
         "the current that the {} rotor takes changed meanwhile, by {:.0} % of what speeds it up: does something rub on it now and \
-         then, does the battery run down, does the body slide? Mend it, hold the body, and start again",
+         then, or does the body slide? Mend it, hold the body, and start again",
         motor_name(*motor), 100.0 * change
     )]
     Uneven {
