@@ -111,12 +111,12 @@ fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_sta
     let mut model = stranger(9_201);
     for (measures_bus, held, after, seconds) in [
         (false, 0.004, 85, 200),
-        (false, 0.004, 70, 1),
+        (false, 0.004, 75, 1),
         (false, 0.004, 85, 15),
         (false, 0.002, 64, 53),
         (true, 0.004, 63, 200),
         (true, 0.004, 66, 200),
-        (true, 0.004, 70, 1),
+        (true, 0.004, 68, 1),
     ] {
         model.electrical.sense.bus_uv_per_count = if measures_bus { 4_464 } else { 0 };
         let mut robot = Watched::power_up(model.clone(), 9_201).unwrap();

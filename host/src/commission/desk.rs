@@ -353,10 +353,11 @@ impl<'a, S: Subject> Desk<'a, S> {
         self.subject.hold(Setpoint::saturating(frequency as f32, 0.0));
     }
 
-    /// Returns the means of both motors while f is held, Hz.
-    pub(super) fn steady(&mut self, step: Step, frequency: f64) -> Done<[Steady; 2], S> {
+    /// Returns the means of both motors while f is held, Hz, once it has come there by a ramp of so many Hz/s.
+    pub(super) fn steady(&mut self, step: Step, frequency: f64, ramp: f64) -> Done<[Steady; 2], S> {
+        let gap = (frequency - self.frequency()).abs();
         self.hold(frequency);
-        self.subject.pause(SETTLING)?;
+        self.subject.pause(SETTLING + Duration::from_secs_f64(gap / ramp))?;
         self.means(step)
     }
 

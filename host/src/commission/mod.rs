@@ -350,7 +350,8 @@ impl Runs {
             step(speed);
             let mut back_emfs = [[BackEmf::default(); 2]; 2];
             for (way, frequency) in [frequency, -frequency].into_iter().enumerate() {
-                for (motor, steady) in desk.steady(speed, frequency)?.into_iter().enumerate() {
+                for (motor, steady) in desk.steady(speed, frequency, ramp)?.into_iter().enumerate()
+                {
                     let swing = steady.swing;
                     if speed == Step::Fast && swing > LARGEST_SWING * frequency.abs() {
                         desk.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
