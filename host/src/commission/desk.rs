@@ -42,8 +42,10 @@ const THIRDS: usize = 3;
 /// stands on its legs it is up to 0.12, on one that is held 0.04; a rotor that begins to rub makes 0.6 or more of it.
 const LARGEST_UNEVENNESS: f64 = 0.3;
 /// Change of friction, fast and slow, from before the ramps to their ends and until after them, as a share of the current that speeds a
-/// rotor up. On legs it is up to 0.052 and 0.019; friction of 1 mN m more, for which resistance comes out a tenth wrong, makes 0.04.
-const LARGEST_CHANGES: [f64; 2] = [0.08, 0.03];
+/// rotor up, and by how many standard errors of the ramps' ends it may be larger. Friction of 1 mN m more, for which resistance comes
+/// out a tenth wrong, makes 0.04; on legs up to 0.052 and 0.019 was seen.
+const LARGEST_CHANGES: [f64; 2] = [0.06, 0.03];
+const STANDARD_ERRORS: f64 = 3.0;
 /// Current times time of a ramp, A s, from which on friction and noise are little beside it. A motor that makes much torque of little
 /// current takes less, and more ramps.
 const FULL_IMPULSE: f64 = 8e-3;
@@ -483,9 +485,10 @@ fn change_meanwhile(changes: &[Change], speeds_up: f64) -> Option<f64> {
         let [before, after] = [before, after].map(|them| mean(&them[place].current));
         let friction = [before, mean(&ends), after];
         let most = friction.into_iter().fold(f64::NEG_INFINITY, f64::max);
-        let change = (most - friction.into_iter().fold(f64::INFINITY, f64::min)) / speeds_up.abs();
-        if change > limit {
-            return Some(change);
+        let change = most - friction.into_iter().fold(f64::INFINITY, f64::min);
+        let by_chance = STANDARD_ERRORS * deviation(&ends) / (ends.len() as f64).sqrt();
+        if change > limit * speeds_up.abs() + by_chance {
+            return Some(change / speeds_up.abs());
         }
     }
     let (least, most) = ramps
@@ -495,6 +498,12 @@ fn change_meanwhile(changes: &[Change], speeds_up: f64) -> Option<f64> {
     let more = most / least - 1.0;
     let allowed = LARGEST_UNEVENNESS / (ramps.len() as f64).sqrt();
     (!(0.0..=allowed).contains(&more)).then_some(more)
+}
+
+/// Returns the standard deviation.
+fn deviation(column: &[f64]) -> f64 {
+    let about = mean(column);
+    mean(&column.iter().map(|it| (it - about).powi(2)).collect::<Vec<_>>()).sqrt()
 }
 
 fn mean(column: &[f64]) -> f64 {
@@ -515,7 +524,6 @@ impl Columns {
 
     /// Returns the standard deviation.
     fn deviation(&self, column: usize) -> f64 {
-        let (column, about) = (self.of(column), self.mean(column));
-        mean(&column.iter().map(|it| (it - about).powi(2)).collect::<Vec<_>>()).sqrt()
+        deviation(&self.of(column))
     }
 }

@@ -47,7 +47,7 @@ pub fn scale(swing: &Swing, rotor: &Rotor, inertia: f64) -> Option<f64> {
         .step_by(LATER)
         .filter_map(|late| torque_per_acceleration(swing, &electrical[late..late + rows], rotor))
         .min_by(|one, other| one.1.total_cmp(&other.1))?;
-    Some(pairs.abs() * best.0 / inertia)
+    Some(pairs.abs() * best.0 / inertia).filter(|scale| scale.is_finite())
 }
 
 /// Returns the inertia that the shown currents speed up, over the number of pole pairs, and which share of the square
