@@ -214,6 +214,17 @@ fn f_beyond_the_ceiling_that_is_raised_again_while_it_falls_lifts_no_supply() {
 }
 
 #[test]
+fn a_reversal_from_the_ceiling_lifts_no_supply_whatever_its_ramp() {
+    for (ramp, motor) in [(39.0, (4.2, 5.0)), (39.0, (4.6, 2.5)), (30.0, (4.6, 2.5))] {
+        for back in [&[(-35.0, 3.0)][..], &[(-35.0, 0.4), (35.0, 1.0)]] {
+            let course = [&[(35.0, 4.0)], back].concat();
+            let seen = shaken(true, motor, &[("frequency_ramp", ramp)], &course);
+            assert!(seen.0 < LARGEST_RISE && seen.1 == Faults::NONE, "{ramp} {back:?}: {seen:?}");
+        }
+    }
+}
+
+#[test]
 fn a_slow_reversal_of_motors_at_their_limits_is_no_lost_lock() {
     for measures_current in [true, false] {
         let ramp = [("frequency_ramp", 5.0)];

@@ -590,9 +590,10 @@ impl Control {
         let per_speed = configuration.burning_per_speed[index];
         let limit = configuration.shaker.current_limit;
         let weakening = self.headroom.direct_current(index, q, limit);
-        // At the ceiling f comes and goes by little, and what burns would take the voltage that it lacks.
-        let burns =
-            self.shaker.gives_back() || self.shaker.slowing() && !self.headroom.limits(self.asked);
+        // At the ceiling f comes and goes by little, and what burns would take the voltage that it lacks; a reversal leaves it.
+        let reverses = self.asked.raw() ^ self.shaker.frequency().raw() < 0;
+        let burns = self.shaker.gives_back()
+            || self.shaker.slowing() && (reverses || !self.headroom.limits(self.asked));
         if per_speed == 0 || !burns {
             return Rotor { d: weakening, q };
         }

@@ -28,7 +28,7 @@ pub(crate) const SLOPE_UPDATES: i32 = 16;
 const SAME_FREQUENCY: i32 = 430;
 /// Below this a reference counts as standing: 0.01 Hz.
 pub(crate) const STANDING: i32 = Speed::from_centihertz(100).raw() / 100;
-/// Falling f gives back more than the rotors take of it from this slope on, 2^-32 turn per tick^2: 40 Hz/s.
+/// f that comes and goes at its ceiling falls less steeply than this, 2^-32 turn per tick^2: 40 Hz/s.
 const GIVING_BACK: i32 = per_tick(40.0);
 /// All of the headroom, 2^-15.
 pub(crate) const FULL_HEADROOM: i32 = 1 << 15;
@@ -122,7 +122,7 @@ impl Reference {
         self.frequency_slope != 0 && (self.frequency_slope ^ self.frequency.raw()) < 0
     }
 
-    /// Returns whether it is lowered so steeply that the rotors give back more than they take.
+    /// Returns whether f is lowered so steeply that the rotors give energy back, and no ceiling asks for it.
     pub(crate) const fn gives_back(&self) -> bool {
         self.is_slowing() && magnitude(self.frequency_slope) > GIVING_BACK
     }

@@ -76,7 +76,7 @@ const SLOWEST_ADAPTATION: Speed = Speed::from_centihertz(500);
 /// One over the f to which the second harmonic of the difference is normalised: 2^40 / 35 Hz.
 const INVERSE_NORMAL_FREQUENCY: i32 =
     ((1_u64 << 40) / Speed::from_centihertz(3_500).raw() as u64) as i32;
-/// Fixed point of an integral: as much torque as the motors have, 90 mN m of rotors of 94 g cm^2, fits.
+/// Fixed point of an integral: 90 mN m fit of rotors of 94 g cm^2, more than motors of this size have.
 pub(crate) const INTEGRAL_BITS: u32 = 46;
 /// What takes an integral to 2^-40.
 const INTEGRAL_SHIFT: u32 = INTEGRAL_BITS - 40;
@@ -331,7 +331,7 @@ impl Shaker {
         self.reference.is_slowing()
     }
 
-    /// Returns whether it is lowered so steeply that they give back more than they take.
+    /// Returns whether it is lowered so steeply that no ceiling asks for it.
     pub(crate) const fn gives_back(&self) -> bool {
         self.reference.gives_back()
     }

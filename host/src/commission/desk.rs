@@ -486,7 +486,12 @@ fn change_meanwhile(changes: &[Change], speeds_up: f64) -> Option<f64> {
         let friction = [before, mean(&ends), after];
         let most = friction.into_iter().fold(f64::NEG_INFINITY, f64::max);
         let change = most - friction.into_iter().fold(f64::INFINITY, f64::min);
-        let by_chance = STANDARD_ERRORS * deviation(&ends) / (ends.len() as f64).sqrt();
+        // Of what a rub that begins or ends among them does not move: the middle one of three parts.
+        let mut scatter: Vec<f64> =
+            ends.chunks(ends.len().div_ceil(THIRDS)).map(estimate).collect();
+        scatter.sort_by(f64::total_cmp);
+        let scatter = scatter[scatter.len() / 2];
+        let by_chance = STANDARD_ERRORS * scatter / (ends.len() as f64).sqrt();
         if change > limit * speeds_up.abs() + by_chance {
             return Some(change / speeds_up.abs());
         }
@@ -504,6 +509,11 @@ fn change_meanwhile(changes: &[Change], speeds_up: f64) -> Option<f64> {
 fn deviation(column: &[f64]) -> f64 {
     let about = mean(column);
     mean(&column.iter().map(|it| (it - about).powi(2)).collect::<Vec<_>>()).sqrt()
+}
+
+/// Returns the standard deviation of what this is a sample of.
+fn estimate(sample: &[f64]) -> f64 {
+    deviation(sample) * (sample.len() as f64 / (sample.len() as f64 - 1.0).max(1.0)).sqrt()
 }
 
 fn mean(column: &[f64]) -> f64 {
