@@ -90,16 +90,20 @@ pub struct Change {
 impl Change {
     /// Returns the current of the rows in which it is steady, at the faster end and at the slower one.
     pub(super) fn ends(&self) -> [&[f64]; 2] {
-        let [first, last] = self.steady.map(|rows| rows.min(self.current.len()));
-        let ends = [&self.current[..first], &self.current[self.current.len() - last..]];
+        let [first, last] = steady_rows(self.steady, &self.current);
         let magnitude = |speed: Option<&f64>| speed.map_or(0.0, |it| it.abs());
-        let [first, last] = ends;
         if magnitude(self.speed.first()) > magnitude(self.speed.last()) {
-            ends
+            [first, last]
         } else {
             [last, first]
         }
     }
+}
+
+/// Returns the first and the last rows of a column, so many of each or all that there are.
+fn steady_rows(steady: [usize; 2], column: &[f64]) -> [&[f64]; 2] {
+    let [first, last] = steady.map(|rows| rows.min(column.len()));
+    [&column[..first], &column[column.len() - last..]]
 }
 
 /// Returns the current that a rotor takes for each rad/s^2, A s^2/rad, from changes of its speed. Speeds count where they are
@@ -109,16 +113,12 @@ pub fn current_per_acceleration(changes: &[Change]) -> Option<f64> {
     let mut columns: [Vec<f64>; 3] = Default::default();
     let mut target = Vec::new();
     for Change { steady, current, speed } in changes {
-        let ends = |column: &[f64]| {
-            let [first, last] = steady.map(|rows| rows.min(column.len()));
-            [&column[..first], &column[column.len() - last..]].concat()
-        };
         let first = *speed.first()?;
         let gained: Vec<f64> = speed.iter().map(|speed| TAU * (speed - first)).collect();
         let time: Vec<f64> = (0..speed.len()).map(|row| row as f64 * TICK).collect();
         // Against the mean of its own rows: each change has a constant of its own.
         let centred = |column: Vec<f64>| {
-            let column = ends(&column);
+            let column = steady_rows(*steady, &column).concat();
             let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;
             column.into_iter().map(move |value| value - mean)
         };
