@@ -35,9 +35,9 @@ fn whole_tick(
     control: &mut fast::control::Control,
     now: Instant,
     sensors: &Sensors,
-    order: &fast::exchange::Order,
+    asked: &fast::exchange::Asked,
 ) -> Actuation {
-    control.tick(now, sensors, order)
+    control.tick(now, sensors, asked)
 }
 
 #[inline(never)]

@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! encoders -> tracker -> rotor angles and speeds ----------------------------+
-//! Order ----> supervisor (armed? fresh? faults?) -> shaker (f, theta -> currents) -> foc -> duties
+//! Asked ----> supervisor (armed? fresh? faults?) -> shaker (f, theta -> currents) -> foc -> duties
 //!                 ^                                 or aligner (finds the electrical angles), or trial (measures)
 //!             monitor (what is wrong)
 //! ```

@@ -16,7 +16,7 @@
 //! | `net`, `neighbours`, `mdns` | carry datagrams between an embassy-net stack and the slow half (feature `net`) |
 //! | [`link`] | authenticates operators, answers commands, sends telemetry and events |
 //! | [`provision`] | takes name, network and key over the serial port |
-//! | [`fast::exchange`] | hands orders and configurations to the fast half, reports to the slow half |
+//! | [`fast::exchange`] | hands what is asked and configurations to the fast half, reports to the slow half |
 //! | [`fast`] | decides the duties, 10,000 times a second, in integers alone |
 //! | [`settings`] | names, checks and stores what can be tuned |
 //! | [`blackbox`] | keeps the last fault and panic over a restart |
@@ -80,9 +80,9 @@
 //! // An operator's first datagram comes in, and the answer goes back to the same address.
 //! let operator = ([192, 0, 2, 1], 40_000).into();
 //! let hello = OperatorSession::new(key, [2; 32], now).poll(now).expect("it connects at once");
-//! robot.receive(now, operator, &hello);
+//! robot.slow.receive(now, operator, &hello);
 //! let mut answer = Frame::new();
-//! assert_eq!(robot.transmit(now, &mut answer), Some(operator));
+//! assert_eq!(robot.slow.transmit(now, &mut answer), Some(operator));
 //! ```
 
 #[cfg(test)]

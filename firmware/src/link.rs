@@ -1,11 +1,11 @@
-//! The robot's end of the link: what operators say becomes an [`Order`] for the fast half, and what
+//! The robot's end of the link: what operators say becomes what is [`Asked`] of the fast half, and what
 //! the fast half reports becomes replies, telemetry and events.
 //!
 //! - **Who**: only the operator that holds the session of [`flix_protocol::session`]. Whenever a
 //!   session begins or is left, the robot ramps down and disarms: nobody inherits a running robot.
 //! - **When**: arming is explicit, and wants a link that was steady for [`PROVING_TIME`]. From then
 //!   on commands are signs of life: any command while the rotors rest, setpoints alone while they
-//!   are asked to shake. The fast half itself watches their age ([`Order::heard`]), so that its
+//!   are asked to shake. The fast half itself watches their age ([`Asked::heard`]), so that its
 //!   deadlines hold even when this half hangs.
 //! - **Wanted by a person**: rotors that came to rest because commands stayed away turn again only by a setpoint with another
 //!   [`ToRobot::intent`] than the last that was obeyed, of somebody who knew of it ([`ToRobot::halts`]); others are refused
@@ -18,7 +18,7 @@
 //!   setting `command_age`. `Stop` and `Disarm` count at any age; reading (`Identify`, `Crash`,
 //!   `Ping`, parameters) is answered at any age but is no sign of life then; all else is refused, and the
 //!   refusal states the age. The fast half also stops the rotors when the newest command has grown
-//!   older than that ([`Order::expires`]).
+//!   older than that ([`Asked::expires`]).
 //! - **What is refused** changes nothing, and the refusal says what would be accepted.
 //! - **Events** carry numbers that count up by one. At most [`EVENTS`] wait for an operator, the
 //!   oldest go first, and the gap in the numbers shows it.
@@ -44,7 +44,7 @@ use heapless::{Deque, Vec};
 
 use crate::alignment::Alignment;
 use crate::blackbox::{BlackBox, RUN_BYTES};
-use crate::fast::exchange::{EventCounters, Order, Report, Requests};
+use crate::fast::exchange::{Asked, EventCounters, Report, Requests};
 use crate::fast::margin;
 use crate::hardware::{Hardware, SettingsStore};
 use crate::scope::{Memory, Scope};
@@ -107,7 +107,7 @@ pub struct Link {
     /// What carries it.
     hardware: Hardware,
     signal_dbm: Option<i8>,
-    order: Order,
+    asked: Asked,
     setpoint: Setpoint,
     /// Who asked first for the stop that is latched, or on its way.
     stopped_by: Option<OperatorName>,
@@ -170,7 +170,7 @@ impl Link {
             identity,
             hardware: *hardware,
             signal_dbm: None,
-            order: Order::default(),
+            asked: Asked::default(),
             setpoint: Setpoint::REST,
             stopped_by: None,
             stopped_at: Instant::START,
@@ -198,8 +198,8 @@ impl Link {
 
     /// Returns what the fast half is asked for.
     #[must_use]
-    pub const fn order(&self) -> &Order {
-        &self.order
+    pub const fn asked(&self) -> &Asked {
+        &self.asked
     }
 
     /// Returns how the fast half was when it was last observed.
@@ -302,7 +302,7 @@ impl Link {
             RobotReceived::Command(message) => {
                 self.steadiness.heard(now);
                 self.is_slow &= !self.steadiness.is_proven();
-                if self.order.frequency == Speed::ZERO {
+                if self.asked.frequency == Speed::ZERO {
                     self.note_sign_of_life(now);
                 }
                 self.take(now, message, tuning);
@@ -439,7 +439,7 @@ impl Link {
                 self.has_rested = true;
                 self.halt();
                 self.setpoint = Setpoint::REST;
-                self.order.frequency = Speed::ZERO;
+                self.asked.frequency = Speed::ZERO;
             }
             (_, State::Armed) => {}
             _ => self.has_rested = false,
@@ -553,7 +553,7 @@ impl Link {
 
     fn note_sign_of_life(&mut self, now: Instant) {
         let moment = self.session.moment().unwrap_or_default();
-        self.order.hear(now, moment + self.session.command_age());
+        self.asked.hear(now, moment + self.session.command_age());
     }
 
     /// Obeys a setpoint. One in range is a sign of life even where it cannot be obeyed, as while aligning.
@@ -570,13 +570,13 @@ impl Link {
             // One that only waits for commands goes on when they come back.
             State::Armed | State::Running | State::Stopping if !self.ramps_down => {
                 let knows = !self.has_rested || halts == self.halts;
-                let is_wanted = self.intent != Some(intent) && knows;
-                if self.has_rested && !is_wanted && setpoint.frequency() != Hertz::ZERO {
+                let is_anew = self.intent != Some(intent) && knows;
+                if self.has_rested && !is_anew && setpoint.frequency() != Hertz::ZERO {
                     return Err(Refusal::Rested);
                 }
-                self.has_rested &= !is_wanted;
+                self.has_rested &= !is_anew;
                 self.intent = Some(intent);
-                self.order.set(&setpoint, is_wanted);
+                self.asked.set(&setpoint, is_anew);
                 self.setpoint = setpoint;
                 Ok(())
             }
@@ -598,7 +598,7 @@ impl Link {
         self.check_heard(halts)?;
         self.check_settings(settings)?;
         self.prepare_to_drive(now)?;
-        self.order.requests.arm = self.order.requests.arm.wrapping_add(1);
+        self.asked.requests.arm = self.asked.requests.arm.wrapping_add(1);
         // Whoever arms wants movement.
         self.intent = None;
         Ok(())
@@ -652,8 +652,8 @@ impl Link {
         self.check_heard(halts)?;
         self.prepare_to_drive(now)?;
         self.tried = Some(request);
-        self.order.trial = Some(trial);
-        self.order.requests.trial = self.order.requests.trial.wrapping_add(1);
+        self.asked.trial = Some(trial);
+        self.asked.requests.trial = self.asked.requests.trial.wrapping_add(1);
         Ok(bridges)
     }
 
@@ -667,7 +667,7 @@ impl Link {
         if !self.steadiness.is_proven() {
             return Err(Refusal::LinkUnproven);
         }
-        self.order.frequency = Speed::ZERO;
+        self.asked.frequency = Speed::ZERO;
         self.note_sign_of_life(now);
         Ok(())
     }
@@ -675,7 +675,7 @@ impl Link {
     /// Returns whether the fast half is idle and nothing on its way could change that, however old its
     /// report is: it starts to move only when it is asked to arm, or for a trial.
     fn is_at_rest(&self) -> bool {
-        let (asked, obeyed) = (self.order.requests, self.report.obeyed);
+        let (asked, obeyed) = (self.asked.requests, self.report.obeyed);
         let moves = |it: Requests| [it.arm, it.disarm, it.stop, it.trial];
         moves(asked) == moves(obeyed) && self.report.state.is_idle()
     }
@@ -684,7 +684,7 @@ impl Link {
     fn disarm(&mut self) {
         self.setpoint = Setpoint::REST;
         if !self.is_at_rest() {
-            self.order.requests.disarm = self.order.requests.disarm.wrapping_add(1);
+            self.asked.requests.disarm = self.asked.requests.disarm.wrapping_add(1);
             self.ramps_down = true;
         }
     }
@@ -695,7 +695,7 @@ impl Link {
             self.stopped_by = by;
         }
         self.stopped_at = now;
-        self.order.requests.stop = self.order.requests.stop.wrapping_add(1);
+        self.asked.requests.stop = self.asked.requests.stop.wrapping_add(1);
         self.ramps_down = true;
         self.setpoint = Setpoint::REST;
     }
@@ -715,7 +715,7 @@ impl Link {
             return Err(Refusal::State(State::Stopping));
         }
         (self.stop_from_outside, self.fault) = (None, None);
-        self.order.requests.clear = self.order.requests.clear.wrapping_add(1);
+        self.asked.requests.clear = self.asked.requests.clear.wrapping_add(1);
         Ok(())
     }
 
@@ -729,7 +729,7 @@ impl Link {
     fn check_cleared(&self) -> Result<(), Refusal> {
         if self.report.faults != Faults::NONE {
             Err(Refusal::Faulted(self.report.faults))
-        } else if self.report.stopped || self.order.requests.stop != self.report.obeyed.stop {
+        } else if self.report.stopped || self.asked.requests.stop != self.report.obeyed.stop {
             Err(Refusal::Stopped)
         } else {
             Ok(())
@@ -789,7 +789,7 @@ impl Link {
     /// Accepts a change of settings, or writing flash, only while the motors are not driven, nor may be before the fast
     /// half reports again.
     fn check_idle(&self) -> Result<(), Refusal> {
-        let (asked, obeyed) = (&self.order.requests, &self.report.obeyed);
+        let (asked, obeyed) = (&self.asked.requests, &self.report.obeyed);
         let begins = asked.arm != obeyed.arm || asked.trial != obeyed.trial;
         match self.report.state {
             state if !state.is_idle() => Err(Refusal::State(state)),
@@ -820,7 +820,7 @@ impl Link {
     }
 
     fn telemetry(&mut self, now: Instant, operator: OperatorName) -> Telemetry {
-        self.order.period = self.order.period.wrapping_add(1);
+        self.asked.period = self.asked.period.wrapping_add(1);
         let link = self.quality(now);
         let report = &self.report;
         let now_alone = [report.direction; 3];

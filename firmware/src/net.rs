@@ -29,7 +29,7 @@ use flix_protocol::units::Instant;
 use crate::mdns::{self, ANSWER_LENGTH, Responder};
 use crate::neighbours::Guard;
 
-/// How often orders and reports are exchanged with the fast half, whatever the network does.
+/// How often what is asked and reports are exchanged with the fast half, whatever the network does.
 pub const EXCHANGE_INTERVAL: Duration = Duration::from_millis(5);
 /// How long a socket may be full before it is emptied.
 pub const STALL: Duration = Duration::from_millis(200);
@@ -67,7 +67,7 @@ pub fn dhcp(name: &str) -> DhcpConfig {
 pub trait Station {
     /// Returns the time since power-up, of the clock that the fast half runs on.
     fn now(&self) -> Instant;
-    /// Hands over orders and configurations to the fast half, and takes its report.
+    /// Hands over what is asked and configurations to the fast half, and takes its report.
     fn exchange(&mut self);
     /// Takes a datagram that came from `from`, and returns whether its operator sent it just now.
     fn receive(&mut self, from: SocketAddr, datagram: &[u8]) -> bool;

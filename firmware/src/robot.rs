@@ -16,16 +16,13 @@
 use core::net::SocketAddr;
 
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{
-    BuildId, CrashReport, Event, Fault, LinkQuality, OperatorName, ResetReason, SCOPE_VALUES,
-};
+use flix_protocol::message::{Event, Fault, SCOPE_VALUES};
 use flix_protocol::session::Operators;
 use flix_protocol::units::Instant;
 
-use crate::blackbox::RUN_BYTES;
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
-use crate::fast::exchange::{Access, Exchange, Order, Report};
+use crate::fast::exchange::{Access, Exchange, Report};
 use crate::hardware::{Actuation, Hardware, Sensors, SettingsStore};
 use crate::link::{Link, identity};
 use crate::scope::Sample;
@@ -44,7 +41,8 @@ const REPORT_INTERVAL: u8 = 10;
 /// The whole robot's software.
 pub struct Robot<S> {
     fast: FastHalf,
-    slow: SlowHalf<S>,
+    /// Link, settings and telemetry.
+    pub slow: SlowHalf<S>,
     exchange: Exchange,
 }
 
@@ -69,77 +67,10 @@ impl<S: SettingsStore> Robot<S> {
         actuation
     }
 
-    /// Takes a datagram that came from `from`, and returns whether its operator sent it just now. Never panics.
-    pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> bool {
-        self.slow.receive(now, from, datagram)
-    }
-
-    /// Returns the next datagram to send, and to whom. Call until `None`, after each datagram received and
-    /// whenever [`Robot::poll_at`] says.
-    pub fn transmit(&mut self, now: Instant, frame: &mut Frame) -> Option<SocketAddr> {
-        self.slow.transmit(now, frame)
-    }
-
-    /// Returns when there will be something to transmit, unless ticks or datagrams change that.
-    #[must_use]
-    pub fn poll_at(&self, now: Instant) -> Option<Instant> {
-        self.slow.poll_at(now)
-    }
-
     /// Returns how the fast half is, as of the last tick.
     #[must_use]
     pub fn report(&self) -> Report {
         self.fast.control.report()
-    }
-
-    /// Returns the settings in force.
-    #[must_use]
-    pub const fn settings(&self) -> &Settings {
-        self.slow.settings()
-    }
-
-    /// Returns what the fast half is asked for.
-    #[must_use]
-    pub const fn order(&self) -> Order {
-        *self.slow.link.order()
-    }
-
-    /// Does as [`SlowHalf::operator`].
-    #[must_use]
-    pub fn operator(&self, now: Instant) -> Option<SocketAddr> {
-        self.slow.operator(now)
-    }
-
-    /// Does as [`SlowHalf::driver`].
-    #[must_use]
-    pub fn driver(&self, now: Instant) -> Option<OperatorName> {
-        self.slow.driver(now)
-    }
-
-    /// Does as [`SlowHalf::quality`].
-    #[must_use]
-    pub fn quality(&self, now: Instant) -> LinkQuality {
-        self.slow.quality(now)
-    }
-
-    /// Does as [`SlowHalf::provision`].
-    pub fn provision(&mut self, name: &str, operators: impl Into<Operators>) {
-        self.slow.provision(name, operators);
-    }
-
-    /// Does as [`SlowHalf::set_reset`].
-    pub fn set_reset(&mut self, reset: ResetReason) {
-        self.slow.set_reset(reset);
-    }
-
-    /// Does as [`SlowHalf::set_crash`].
-    pub fn set_crash(&mut self, crash: Option<CrashReport>) {
-        self.slow.set_crash(crash);
-    }
-
-    /// Does as [`SlowHalf::keep`].
-    pub fn keep(&mut self) -> Option<[u8; RUN_BYTES]> {
-        self.slow.keep()
     }
 }
 
@@ -200,7 +131,7 @@ impl FastHalf {
     ) -> Actuation {
         let control = &mut self.control;
         let sample = self.sample.take();
-        let (order, channels, revision) = exchange.with(|exchange| {
+        let (asked, channels, revision) = exchange.with(|exchange| {
             if let Some(sample) = &sample {
                 exchange.scope.record(sample);
             }
@@ -208,7 +139,7 @@ impl FastHalf {
             let revision = exchange.scope.revision();
             (exchange.take(|new| control.configure(new)), channels, revision)
         });
-        let actuation = control.tick(now, sensors, &order);
+        let actuation = control.tick(now, sensors, &asked);
         self.sample = Some(control.sample(&channels, revision));
         if self.ticks_to_report == 0 {
             self.ticks_to_report = REPORT_INTERVAL;
@@ -223,7 +154,8 @@ impl FastHalf {
 /// Link, settings and telemetry: everything that may take its time.
 pub struct SlowHalf<S> {
     hardware: Hardware,
-    link: Link,
+    /// Robot's end of the link.
+    pub link: Link,
     tuning: Tuning<S>,
     /// Revision of the settings that were handed over last.
     offered: u16,
@@ -231,7 +163,7 @@ pub struct SlowHalf<S> {
 }
 
 impl<S: SettingsStore> SlowHalf<S> {
-    /// Takes the newest report, and hands over the order, with a configuration where the settings
+    /// Takes the newest report, and hands over what is asked, with a configuration where the settings
     /// changed. Call at least every 10 ms, and soon after each [`SlowHalf::receive`].
     pub fn exchange(&mut self, exchange: &mut impl Access) {
         let observed = self.report().timing.ticks;
@@ -250,7 +182,7 @@ impl<S: SettingsStore> SlowHalf<S> {
         self.offered = revision;
         let configuration =
             is_outdated.then(|| Configuration::new(self.tuning.settings(), &self.hardware));
-        exchange.with(|exchange| exchange.ask(*self.link.order(), configuration.as_ref()));
+        exchange.with(|exchange| exchange.ask(*self.link.asked(), configuration.as_ref()));
     }
 
     /// Takes over how the fast half is; returns whether it has aligned since the last report.
@@ -273,17 +205,18 @@ impl<S: SettingsStore> SlowHalf<S> {
         self.link.report()
     }
 
-    /// Does as [`Robot::receive`].
+    /// Takes a datagram that came from `from`, and returns whether its operator sent it just now. Never panics.
     pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> bool {
         self.link.receive(now, from, datagram, &mut self.tuning)
     }
 
-    /// Does as [`Robot::transmit`].
+    /// Returns the next datagram to send, and to whom. Call until `None`, after each datagram received and
+    /// whenever [`SlowHalf::poll_at`] says.
     pub fn transmit(&mut self, now: Instant, frame: &mut Frame) -> Option<SocketAddr> {
         self.link.transmit(now, self.tuning.settings(), frame)
     }
 
-    /// Does as [`Robot::poll_at`].
+    /// Returns when there will be something to transmit, unless ticks or datagrams change that.
     #[must_use]
     pub fn poll_at(&self, now: Instant) -> Option<Instant> {
         self.link.poll_at(now)
@@ -295,60 +228,10 @@ impl<S: SettingsStore> SlowHalf<S> {
         self.tuning.settings()
     }
 
-    /// Returns the address of the operator who holds the session.
-    #[must_use]
-    pub fn operator(&self, now: Instant) -> Option<SocketAddr> {
-        self.link.operator(now)
-    }
-
-    /// Returns the name of the operator who holds the session.
-    #[must_use]
-    pub fn driver(&self, now: Instant) -> Option<OperatorName> {
-        self.link.driver(now)
-    }
-
-    /// Returns how well the robot hears, and what it dropped.
-    #[must_use]
-    pub fn quality(&self, now: Instant) -> LinkQuality {
-        self.link.quality(now)
-    }
-
-    /// Returns whether the robot has a key; without one it refuses the network, see [`UNPROVISIONED`].
-    #[must_use]
-    pub fn is_provisioned(&self) -> bool {
-        self.link.is_provisioned()
-    }
-
     /// Takes another name and other operators: ends the session and disarms, unless its holder is among
     /// them.
     pub fn provision(&mut self, name: &str, operators: impl Into<Operators>) {
         self.link.set_name(name);
         self.link.set_operators(operators);
-    }
-
-    /// Notes why the robot last started, for [`Command::Identify`](flix_protocol::message::Command::Identify).
-    pub fn set_reset(&mut self, reset: ResetReason) {
-        self.link.set_reset(reset);
-    }
-
-    /// Notes what was found of the run before, for [`Command::Crash`](flix_protocol::message::Command::Crash).
-    pub fn set_crash(&mut self, crash: Option<CrashReport>) {
-        self.link.set_crash(crash);
-    }
-
-    /// Notes which build of the firmware runs, for the next run; `None` when nobody knows.
-    pub fn set_build(&mut self, build: Option<BuildId>) {
-        self.link.set_build(build);
-    }
-
-    /// Returns what to leave in [`RUN`](crate::blackbox::RUN) for the next run when it has changed since the last call:
-    /// at the start, with each fault, and once a second. Call after each [`SlowHalf::exchange`].
-    pub fn keep(&mut self) -> Option<[u8; RUN_BYTES]> {
-        self.link.keep()
-    }
-
-    /// Notes the radio power as last received, for telemetry.
-    pub fn set_signal(&mut self, dbm: Option<i8>) {
-        self.link.set_signal(dbm);
     }
 }

@@ -11,7 +11,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::fast::control::Control;
-use crate::fast::exchange::Order;
+use crate::fast::exchange::Asked;
 use crate::hardware::{Actuation, Sensors};
 use crate::units::Speed;
 
@@ -31,7 +31,7 @@ pub struct Row {
     /// What the fast half was shown.
     pub sensors: Sensors,
     /// What it was asked for.
-    pub order: Order,
+    pub asked: Asked,
     /// What it decided.
     pub outcome: Outcome,
 }
@@ -127,10 +127,10 @@ mod tests {
                 phase_current: Some([[1, -2], [i16::MAX, i16::MIN]]),
                 bus_voltage: Some(0xABCD),
             },
-            order: Order {
+            asked: Asked {
                 frequency: Speed::from_raw(i32::MIN),
                 direction: RotorAngle::from_raw(u32::MAX),
-                wanted: u16::MAX,
+                anew: u16::MAX,
                 heard: Instant::from_micros(u64::MAX),
                 expires: Instant::from_micros(u64::MAX),
                 requests: Requests { arm: 1, disarm: 2, stop: 3, clear: 4, trial: 5 },

@@ -21,8 +21,8 @@ impl Reference {
         let bandwidth = TAU * f64::from(settings.current_bandwidth);
         let angle = f64::from(input.angle.raw()) / 4_294_967_296.0 * TAU;
         let omega = f64::from(input.speed.raw()) / 4_294_967_296.0 * TAU * 1e4;
-        let [wanted_d, wanted_q] =
-            [input.wanted.d, input.wanted.q].map(|current| f64::from(current.raw()) / 65_536.0);
+        let [reference_d, reference_q] = [input.reference.d, input.reference.q]
+            .map(|current| f64::from(current.raw()) / 65_536.0);
 
         let [a, b] = input
             .phases
@@ -32,24 +32,24 @@ impl Reference {
         let (sine, cosine) = angle.sin_cos();
         let d = alpha * cosine + beta * sine;
         let q = beta * cosine - alpha * sine;
-        let errors = [wanted_d - d, wanted_q - q];
+        let errors = [reference_d - d, reference_q - q];
         let feed_forward = [
-            resistance * wanted_d - omega * inductance * wanted_q,
-            resistance * wanted_q + omega * inductance * d + omega * flux,
+            resistance * reference_d - omega * inductance * reference_q,
+            resistance * reference_q + omega * inductance * d + omega * flux,
         ];
-        let mut demand = [0.0; 2];
+        let mut voltages = [0.0; 2];
         for axis in 0..2 {
-            demand[axis] =
+            voltages[axis] =
                 inductance * bandwidth * errors[axis] + self.integral[axis] + feed_forward[axis];
         }
         let limit = 0.6 * crate::rows::BUS;
-        let given_d = demand[0].clamp(-limit / 2.0, limit / 2.0);
+        let given_d = voltages[0].clamp(-limit / 2.0, limit / 2.0);
         let room = (limit * limit - given_d * given_d).sqrt();
-        let given = [given_d, demand[1].clamp(-room, room)];
-        self.limited += usize::from(given != demand);
+        let given = [given_d, voltages[1].clamp(-room, room)];
+        self.limited += usize::from(given != voltages);
         for axis in 0..2 {
             self.integral[axis] +=
-                resistance * bandwidth / 1e4 * errors[axis] + (given[axis] - demand[axis]) / 4.0;
+                resistance * bandwidth / 1e4 * errors[axis] + (given[axis] - voltages[axis]) / 4.0;
         }
 
         let ahead = angle + omega * f64::from(settings.actuation_delay) * 1e-6;
@@ -76,8 +76,8 @@ fn duties_are_those_of_double_precision_within_a_thousandth() {
     let mut worst = 0.0_f64;
     for input in crate::rows::rows() {
         let duties = fixed.update(&model, &bus, &input);
-        for (duty, wanted) in duties.into_iter().zip(reference.update(&input)) {
-            worst = worst.max((f64::from(duty.raw()) / 65_536.0 - wanted).abs());
+        for (duty, expected) in duties.into_iter().zip(reference.update(&input)) {
+            worst = worst.max((f64::from(duty.raw()) / 65_536.0 - expected).abs());
         }
     }
     println!(

@@ -55,9 +55,9 @@ impl Ends {
 
     /// The robot takes a datagram, and the operator what the robot answers.
     fn hear(&mut self, datagram: &[u8]) {
-        self.robot.receive(self.now, self.address, datagram);
+        self.robot.slow.receive(self.now, self.address, datagram);
         let mut frame = Frame::new();
-        while self.robot.transmit(self.now, &mut frame).is_some() {
+        while self.robot.slow.transmit(self.now, &mut frame).is_some() {
             let _ = self.operator.receive(self.now, &frame);
         }
     }

@@ -189,7 +189,7 @@ impl Ends {
 
     fn observe(&mut self, change: impl FnOnce(&mut Report)) {
         self.report.time = self.now;
-        self.report.obeyed = self.link.order().requests;
+        self.report.obeyed = self.link.asked().requests;
         change(&mut self.report);
         self.link.observe(&self.report);
     }
@@ -238,7 +238,7 @@ fn each_state_accepts_what_its_rotors_may_do_and_refuses_the_rest_with_its_name(
             assert!(is_accepted != matches!(outcome, Outcome::Refused(_)), "{outcome:?}");
             let rests = matches!(state, Disarmed | Faulted) && asks == disarm;
             let expected = if rests { none } else { asks };
-            assert_eq!(ends.link.order().requests, expected, "{command:?} while {state}");
+            assert_eq!(ends.link.asked().requests, expected, "{command:?} while {state}");
         }
     }
     for (state, outcome, asks) in [
@@ -251,7 +251,7 @@ fn each_state_accepts_what_its_rotors_may_do_and_refuses_the_rest_with_its_name(
     ] {
         let mut ends = Ends::at(state);
         assert_eq!(
-            (ends.say(Command::Arm), ends.link.order().requests),
+            (ends.say(Command::Arm), ends.link.asked().requests),
             (outcome, asks),
             "{state}"
         );
@@ -275,9 +275,9 @@ fn a_setpoint_is_handed_on_and_shown_until_the_robot_ramps_down() {
     for act in ends_it {
         let mut ends = Ends::at(State::Armed);
         ends.say(Command::Setpoint(setpoint(20.0, 30.0)));
-        let order = *ends.link.order();
-        assert_eq!((order.frequency, order.wanted), (Speed::from_hertz(20.0), 1));
-        assert_eq!(order.direction, RotorAngle::from_degrees(30.0));
+        let asked = *ends.link.asked();
+        assert_eq!((asked.frequency, asked.anew), (Speed::from_hertz(20.0), 1));
+        assert_eq!(asked.direction, RotorAngle::from_degrees(30.0));
         assert_eq!(shown(&mut ends), setpoint(20.0, 30.0));
         act(&mut ends);
         assert_eq!(shown(&mut ends), Setpoint::REST);
@@ -295,13 +295,13 @@ fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
         assert_eq!(ends.say(walk()), Outcome::Done, "{state:?}");
     }
     ends.observe(|report| report.state = State::Armed);
-    assert_eq!(ends.link.order().frequency, Speed::ZERO);
+    assert_eq!(ends.link.asked().frequency, Speed::ZERO);
     for _ in 0..2 {
         ends.wait(TELEMETRY);
         assert_eq!(ends.telemetry.last().unwrap().setpoint.frequency(), Hertz::ZERO);
         assert_eq!(ends.say(walk()), refused(Refusal::Rested));
         assert_eq!(ends.say(Command::Setpoint(setpoint(0.0, 30.0))), Outcome::Done);
-        assert_eq!(ends.link.order().frequency, Speed::ZERO);
+        assert_eq!(ends.link.asked().frequency, Speed::ZERO);
         ends.observe(|_| {});
     }
     // Somebody who did not know yet that they rest.
@@ -312,8 +312,8 @@ fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
     for _ in 0..2 {
         assert_eq!(ends.say(walk()), Outcome::Done, "it goes on with what began it");
     }
-    let order = *ends.link.order();
-    assert_eq!((order.frequency, order.wanted), (Speed::from_hertz(20.0), 2));
+    let asked = *ends.link.asked();
+    assert_eq!((asked.frequency, asked.anew), (Speed::from_hertz(20.0), 2));
     // Nor does one that was asked for earlier, and one that is armed anew starts from nothing.
     for state in [State::Stopping, State::Armed, State::Disarmed] {
         ends.observe(|report| report.state = state);
@@ -499,11 +499,11 @@ fn what_was_asked_before_the_newest_change_undoes_nothing_when_it_is_repeated() 
         let newer = ends.seal_as(9, newer);
         ends.hear(&newer);
         assert!(ends.outcomes.pop().is_some());
-        let asked = ends.link.order().requests;
+        let asked = ends.link.asked().requests;
         // Asked again by a client that repeats everything side by side.
         let earlier = ends.seal_as(8, earlier);
         ends.hear(&earlier);
-        assert_eq!((ends.outcomes.pop(), ends.link.order().requests), (None, asked));
+        assert_eq!((ends.outcomes.pop(), ends.link.asked().requests), (None, asked));
         assert!(ends.tuning.settings().current_limit < 2.4);
     }
     // A question overtakes nothing, and is not overtaken.
@@ -581,10 +581,10 @@ fn any_command_is_a_sign_of_life_at_rest_and_a_setpoint_alone_while_rotors_turn(
     let heard = |ends: &mut Ends, command| {
         ends.wait(10 * MILLISECOND);
         ends.say(command);
-        let order = ends.link.order();
-        let age = order.expires.since(order.heard);
+        let asked = ends.link.asked();
+        let age = asked.expires.since(asked.heard);
         assert!(age <= COMMAND_AGE && age > COMMAND_AGE - 2 * TELEMETRY, "{age:?}");
-        order.heard == ends.now
+        asked.heard == ends.now
     };
     let ping = heard(&mut ends, Command::Ping(0));
     let turn = heard(&mut ends, Command::Setpoint(setpoint(20.0, 0.0)));
@@ -619,7 +619,7 @@ fn what_comes_too_late_is_refused_with_its_age_but_for_stopping_and_reading() {
         let mut ends = Ends::at(State::Armed);
         let [first, second] = [ends.seal(command.clone()), ends.seal(command.clone())];
         ends.happened();
-        let heard = ends.link.order().heard;
+        let heard = ends.link.asked().heard;
         ends.wait(COMMAND_AGE + 100 * MILLISECOND);
         ends.hear(&first);
         ends.hear(&second);
@@ -631,7 +631,7 @@ fn what_comes_too_late_is_refused_with_its_age_but_for_stopping_and_reading() {
             ends.outcomes.iter().filter(|outcome| is_late(outcome)).count(),
             2 * usize::from(!counts)
         );
-        assert_eq!(ends.link.order().heard, heard, "{command:?} is no sign of life");
+        assert_eq!(ends.link.asked().heard, heard, "{command:?} is no sign of life");
     }
 }
 
@@ -804,11 +804,11 @@ fn telemetry_comes_at_its_rate_and_says_what_was_reported() {
         (Some(-60), Some(-60))
     );
     // After a pause it goes on at its rate: nothing is made up for.
-    let period = ends.link.order().period;
+    let period = ends.link.asked().period;
     ends.now = ends.now + 10 * TELEMETRY;
     ends.drain();
     ends.wait(2 * TELEMETRY);
-    assert_eq!((ends.telemetry.len(), ends.link.order().period), (5 - 1 + 3, period + 3));
+    assert_eq!((ends.telemetry.len(), ends.link.asked().period), (5 - 1 + 3, period + 3));
 }
 
 #[test]
@@ -975,7 +975,7 @@ fn another_operator_inherits_no_running_robot() {
         } else {
             ends.link.set_operators(None);
         }
-        assert_eq!(ends.link.order().requests, Requests { disarm: 1, ..Requests::default() });
+        assert_eq!(ends.link.asked().requests, Requests { disarm: 1, ..Requests::default() });
     }
 }
 
@@ -985,7 +985,7 @@ fn revoking_the_operator_disarms_and_revoking_another_does_not() {
     for (operators, disarm) in [(Operators::from(Some(key())), 0), (bob.into(), 1)] {
         let mut ends = Ends::at(State::Running);
         ends.link.set_operators(operators);
-        assert_eq!(ends.link.order().requests, Requests { disarm, ..Requests::default() });
+        assert_eq!(ends.link.asked().requests, Requests { disarm, ..Requests::default() });
         assert_eq!(ends.link.operator(ends.now).is_none(), disarm == 1);
     }
 }
@@ -1046,12 +1046,12 @@ fn a_trial_is_for_a_disarmed_robot_over_a_steady_link() {
     let mut ends = Ends::proven();
     let bridges = bridges(&DENGFOC_V3_01.hardware);
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
-    let order = *ends.link.order();
-    assert_eq!((order.trial, order.requests.trial), (Some(TRIAL), 1));
+    let asked = *ends.link.asked();
+    assert_eq!((asked.trial, asked.requests.trial), (Some(TRIAL), 1));
     for state in [State::Aligning, State::Armed, State::Running, State::Stopping, State::Faulted] {
         let mut ends = Ends::at(state);
         assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::State(state)), "{state}");
-        assert_eq!(ends.link.order().trial, None, "{state}");
+        assert_eq!(ends.link.asked().trial, None, "{state}");
     }
     let mut ends = Ends::connected();
     assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::LinkUnproven));
@@ -1061,7 +1061,7 @@ fn a_trial_is_for_a_disarmed_robot_over_a_steady_link() {
     assert!(matches!(refusal, Outcome::Refused(Refusal::OutOfRange { .. })), "{refusal:?}");
     ends.observe(|report| report.stopped = true);
     assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::Stopped));
-    assert_eq!(ends.link.order().requests.trial, 0);
+    assert_eq!(ends.link.asked().requests.trial, 0);
 }
 
 #[test]
@@ -1077,7 +1077,7 @@ fn a_trial_whose_answer_was_lost_begins_once() {
         report.faults = Faults::NONE.with(Fault::CurrentSense);
     });
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
-    assert_eq!(ends.link.order().requests.trial, 1);
+    assert_eq!(ends.link.asked().requests.trial, 1);
     // Another request is another trial.
     let another = ToRobot { request: 8, intent: 0, halts: 0, command: Command::Trial(TRIAL) };
     let frame = ends.operator.send(ends.now, &another).unwrap();
@@ -1121,7 +1121,7 @@ fn a_trial_moves_no_robot_whose_halt_its_operator_has_not_heard_of() {
     ends.live(PROVING_TIME);
     assert_eq!(ends.say(Command::Arm), refused(Refusal::Rested));
     assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::Rested));
-    assert_eq!(ends.link.order().requests.trial, 0);
+    assert_eq!(ends.link.asked().requests.trial, 0);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use clap::Parser;
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
-use flix_firmware::fast::exchange::Order;
+use flix_firmware::fast::exchange::Asked;
 use flix_firmware::hardware::{Encoder, Hardware, TICK_RATE_HZ, TICK_US};
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{LONGEST, Outcome, Row, encode};
@@ -48,7 +48,7 @@ struct Arguments {
 /// The fast half on a plant, with its recorder.
 struct Recording<W> {
     control: Control,
-    order: Order,
+    asked: Asked,
     electronics: Electronics,
     plant: Plant,
     tick: u64,
@@ -64,10 +64,10 @@ impl<W: Write> Recording<W> {
             sensors.encoders[0] = Encoder::Failed;
         }
         // The operator never falls silent.
-        self.order.hear(now, now + COMMAND_AGE);
-        let actuation = self.control.tick(now, &sensors, &self.order);
+        self.asked.hear(now, now + COMMAND_AGE);
+        let actuation = self.control.tick(now, &sensors, &self.asked);
         let outcome = Outcome::after(&self.control, actuation);
-        let row = Row { now, sensors, order: self.order, outcome };
+        let row = Row { now, sensors, asked: self.asked, outcome };
         self.trace.write_all(encode(&row, &mut [0; LONGEST])?)?;
         self.electronics.advance(&actuation, &mut self.plant)?;
         self.tick += 1;
@@ -102,7 +102,7 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     trace.write_all(encode(&BOARD, &mut [0; LONGEST])?)?;
     let mut recording = Recording {
         control: Control::new(Configuration::new(&Settings::DEFAULT, &BOARD)),
-        order: Order::default(),
+        asked: Asked::default(),
         electronics: Electronics::new(&ElectronicsParameters::on(BOARD), SEED),
         plant: Plant::new(&RobotModel::named("W")?)?,
         tick: 0,
@@ -110,11 +110,11 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
         trace,
     };
     recording.ticks(REST_TICKS)?;
-    recording.order.requests.arm = recording.order.requests.arm.wrapping_add(1);
+    recording.asked.requests.arm = recording.asked.requests.arm.wrapping_add(1);
     recording.until(State::Armed)?;
     for (frequency, direction) in MODES {
         let setpoint = setpoint(frequency, direction)?;
-        recording.order.set(&setpoint, true);
+        recording.asked.set(&setpoint, true);
         recording.ticks(MODE_TICKS)?;
         recording.expect(State::Running)?;
     }

@@ -68,7 +68,7 @@ impl Disturbance for Swapped {
 
 /// Returns all settings of a robot, and how they are known.
 fn settings(robot: &Watched) -> Settings {
-    *robot.operation.robot.software().settings()
+    *robot.operation.robot.software().slow.settings()
 }
 
 #[test]

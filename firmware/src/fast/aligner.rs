@@ -222,9 +222,9 @@ impl Aligner {
         if self.tick == 0 {
             let given = multiply_high(observation.bus.limit.raw() << 1, SUPPLY_SHARE);
             for (index, motor) in self.motors.iter_mut().enumerate() {
-                let wanted = configuration.alignment_voltage[index % 2].raw();
-                motor.share = if wanted > given {
-                    ((i64::from(given) << 30) / i64::from(wanted.max(1))) as i32
+                let full = configuration.alignment_voltage[index % 2].raw();
+                motor.share = if full > given {
+                    ((i64::from(given) << 30) / i64::from(full.max(1))) as i32
                 } else {
                     WHOLE
                 };

@@ -70,7 +70,7 @@ const TRACKER_DAMPING: f64 = 0.9;
 const INTEGRAL_SHARE: f64 = 0.06;
 /// References stay below the current limit by this factor, so that overshoot stays below it too.
 const CURRENT_MARGIN: f64 = 0.85;
-/// Longest time from a demand to its torque that is counted, ticks.
+/// Longest time from an update of the position loops to its torque that is counted, ticks.
 const LARGEST_LAG: f64 = 15.0;
 /// A motor's voltage may differ from its model by this share of the nominal bus: 10 % of flux and
 /// resistance explain 0.1 of it.
@@ -290,7 +290,7 @@ fn speed_per_current(settings: &Settings, motor: usize) -> i32 {
     scaled(ticks / current_per_acceleration(settings, motor).max(1e-3), 16 + 16)
 }
 
-/// Returns how long after a demand its torque acts: half a stride, what the bridges take, and the current loop's own time.
+/// Returns how long after an update its torque acts: half a stride, what the bridges take, and the current loop's own time.
 fn lag(settings: &Settings) -> i32 {
     let response = 1.0 / (TAU * f64::from(settings.current_bandwidth).max(1.0));
     let seconds = f64::from(settings.actuation_delay) * 1e-6 + response;

@@ -1,7 +1,7 @@
 //! The fast half of the robot, put together: encoders and currents in, duties out, 10,000 times a
 //! second, in integers alone.
 //!
-//! It takes an [`Order`] in every tick and gives a [`Report`] when asked; a [`Configuration`] is taken
+//! It takes what is [`Asked`] in every tick and gives a [`Report`] when it is called for; a [`Configuration`] is taken
 //! over only while the motors are not driven.
 
 #[cfg(test)]
@@ -14,7 +14,7 @@ use flix_protocol::units::Instant;
 
 use crate::fast::aligner::{self, Aligner, Progress};
 use crate::fast::configuration::{Configuration, DIAGNOSTIC_TICKS};
-use crate::fast::exchange::{MotorReport, Order, Report};
+use crate::fast::exchange::{Asked, MotorReport, Report};
 use crate::fast::foc::burning::direct_current;
 use crate::fast::foc::current::{CurrentLoop, Input};
 use crate::fast::foc::modulation::Bus;
@@ -23,7 +23,7 @@ use crate::fast::headroom::{Headroom, LOOK_TICKS, Look};
 use crate::fast::interval::Interval;
 use crate::fast::monitor::{Monitor, Observation};
 use crate::fast::reference::STRIDE;
-use crate::fast::shaker::{Rotors, Shaker, Target};
+use crate::fast::shaker::{Rotors, Setpoint, Shaker};
 use crate::fast::supervisor::{Conditions, Drive, Supervisor};
 use crate::fast::tracker::{TABLE_LENGTH, Tracker};
 use crate::fast::trial::{self, TrialRun};
@@ -100,10 +100,10 @@ pub struct Control {
     is_range_new: bool,
     /// Currents of phases A and B.
     currents: [[Current; 2]; 2],
-    wanted: [Rotor<Current>; 2],
+    references: [Rotor<Current>; 2],
     headroom: Headroom,
-    /// f that the shaker is asked for.
-    asked: Speed,
+    /// Setpoint of f.
+    setpoint: Speed,
     monitor: Monitor,
     /// Faults of the last diagnosis.
     present: Faults,
@@ -145,9 +145,9 @@ impl Control {
             zeros,
             is_range_new: false,
             currents: [[Current::ZERO; 2]; 2],
-            wanted: [Rotor::default(); 2],
+            references: [Rotor::default(); 2],
             headroom: Headroom::new(),
-            asked: Speed::ZERO,
+            setpoint: Speed::ZERO,
             monitor: Monitor::default(),
             present: Faults::NONE,
             at_rest: false,
@@ -199,10 +199,10 @@ impl Control {
         self.supervisor.raise(Faults::NONE.with(fault));
     }
 
-    /// Does one tick: sensors and order in, bridges out. Integers alone; never panics.
+    /// Does one tick: sensors and what is asked in, bridges out. Integers alone; never panics.
     #[inline]
-    pub fn tick(&mut self, now: Instant, sensors: &Sensors, order: &Order) -> Actuation {
-        let late = self.keep_time(now, order.period);
+    pub fn tick(&mut self, now: Instant, sensors: &Sensors, asked: &Asked) -> Actuation {
+        let late = self.keep_time(now, asked.period);
         let [top, bottom] = sensors.encoders;
         self.trackers[0].update(&self.configuration.encoders[0], top);
         self.trackers[1].update(&self.configuration.encoders[1], bottom);
@@ -210,7 +210,7 @@ impl Control {
         let rotors = self.rotors();
         let count = self.timing.ticks as u32;
         if count % DIAGNOSTIC_TICKS == DIAGNOSED {
-            self.diagnose(sensors, order, &rotors);
+            self.diagnose(sensors, asked, &rotors);
         } else if count % DIAGNOSTIC_TICKS == OBSERVED {
             self.observe(&rotors);
         } else if count % DIAGNOSTIC_TICKS == MEASURED {
@@ -236,13 +236,13 @@ impl Control {
             aligned: core::mem::take(&mut self.aligned),
             outdated: core::mem::take(&mut self.outdated),
         };
-        match self.supervisor.update(now, order, &conditions) {
+        match self.supervisor.update(now, asked, &conditions) {
             Drive::Shake(frequency, turn) => {
-                let target = Target { frequency, direction: turn.then_some(order.direction) };
-                self.shake(&rotors, &target, count.is_multiple_of(STRIDE))
+                let setpoint = Setpoint { frequency, direction: turn.then_some(asked.direction) };
+                self.shake(&rotors, &setpoint, count.is_multiple_of(STRIDE))
             }
             Drive::Align => self.align(sensors),
-            Drive::Try => self.try_out(sensors, order),
+            Drive::Try => self.try_out(sensors, asked),
             Drive::Brake => self.rest_in(Bridge::BRAKE),
             Drive::Off => self.rest_in(Bridge::Off),
         }
@@ -320,8 +320,8 @@ impl Control {
             Channel::BottomCurrentD => current(bottom.current().d),
             Channel::TopCurrentQ => current(signs.clockwise(0, top.current().q)),
             Channel::BottomCurrentQ => current(signs.clockwise(1, bottom.current().q)),
-            Channel::TopWantedQ => current(signs.clockwise(0, self.wanted[0].q)),
-            Channel::BottomWantedQ => current(signs.clockwise(1, self.wanted[1].q)),
+            Channel::TopWantedQ => current(signs.clockwise(0, self.references[0].q)),
+            Channel::BottomWantedQ => current(signs.clockwise(1, self.references[1].q)),
             Channel::TopVoltageD => voltage(top.voltage().d),
             Channel::BottomVoltageD => voltage(bottom.voltage().d),
             Channel::TopVoltageQ => voltage(signs.clockwise(0, top.voltage().q)),
@@ -449,7 +449,7 @@ impl Control {
 
     /// Looks at what need not be looked at in every tick: bus, faults that build up, rest, averages.
     #[inline(never)]
-    fn diagnose(&mut self, sensors: &Sensors, order: &Order, rotors: &Rotors) {
+    fn diagnose(&mut self, sensors: &Sensors, asked: &Asked, rotors: &Rotors) {
         self.measure_bus(sensors.bus_voltage);
         self.magnets = sensors.magnets;
         let observation = Observation {
@@ -460,17 +460,17 @@ impl Control {
             loops: &self.loops,
             shaking: matches!(self.activity, Activity::Shaking),
             shaker: &self.shaker,
-            target: self.asked,
-            reachable: self.headroom.clamp(self.asked),
+            setpoint: self.setpoint,
+            reachable: self.headroom.clamp(self.setpoint),
         };
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);
         let rotating = Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT);
         let held_back = self.reference().is_some_and(|it| {
             let ramps = &self.configuration.shaker.ramps;
-            it.held_back(ramps, order.frequency, rotating) || self.headroom.limits(self.asked)
+            it.held_back(ramps, asked.frequency, rotating) || self.headroom.limits(self.setpoint)
         });
-        if self.monitor.becomes_limited(held_back, (order.frequency, order.direction)) {
+        if self.monitor.becomes_limited(held_back, (asked.frequency, asked.direction)) {
             let events = &mut self.supervisor.events;
             events.frequency_limited = events.frequency_limited.wrapping_add(1);
         }
@@ -507,7 +507,7 @@ impl Control {
     }
 
     #[inline(always)]
-    fn shake(&mut self, rotors: &Rotors, target: &Target, outer: bool) -> Actuation {
+    fn shake(&mut self, rotors: &Rotors, setpoint: &Setpoint, outer: bool) -> Actuation {
         if !matches!(self.activity, Activity::Shaking) {
             self.begin_shaking(rotors);
         }
@@ -517,17 +517,17 @@ impl Control {
             _ => {}
         }
         if outer {
-            self.asked = target.frequency;
-            let frequency = self.headroom.clamp(target.frequency);
-            let target = &Target { frequency, direction: target.direction };
+            self.setpoint = setpoint.frequency;
+            let frequency = self.headroom.clamp(setpoint.frequency);
+            let setpoint = &Setpoint { frequency, direction: setpoint.direction };
             let limited = self.loops[0].take_limited() | self.loops[1].take_limited();
-            let demand = self.shaker.update(&self.configuration.shaker, rotors, target, limited);
-            let [top, bottom] = demand.currents;
-            self.wanted = [
-                self.wanted_current(0, top, rotors.speeds[0]),
-                self.wanted_current(1, bottom, rotors.speeds[1]),
+            let torques = self.shaker.update(&self.configuration.shaker, rotors, setpoint, limited);
+            let [top, bottom] = torques.currents;
+            self.references = [
+                self.reference_currents(0, top, rotors.speeds[0]),
+                self.reference_currents(1, bottom, rotors.speeds[1]),
             ];
-            for (tracker, change) in self.trackers.iter_mut().zip(demand.speed_changes) {
+            for (tracker, change) in self.trackers.iter_mut().zip(torques.speed_changes) {
                 tracker.feed_forward(change);
             }
         }
@@ -544,7 +544,7 @@ impl Control {
         self.activity = Activity::Shaking;
         self.loops = [CurrentLoop::default(); 2];
         self.shaker = Shaker::at_rest(rotors);
-        self.wanted = [Rotor::default(); 2];
+        self.references = [Rotor::default(); 2];
         self.headroom = Headroom::new();
         self.monitor.restart();
     }
@@ -567,12 +567,12 @@ impl Control {
                 bus: &self.bus,
                 pole_pairs: configuration.pole_pairs as i32,
                 speed: configuration.electrical_speed(index, rotors.speeds[index]),
-                wanted: self.wanted[index],
+                reference: self.references[index],
                 load: load.max(Current::ZERO),
                 steady,
                 limited: self.shaker.limited(),
                 lags: self.shaker.lags(),
-                asked: self.asked,
+                setpoint: self.setpoint,
                 current: self.loops[index].current(),
                 voltage: self.loops[index].voltage(),
                 ripple: self.shaker.ripple_share(),
@@ -584,27 +584,27 @@ impl Control {
     /// Returns the current of a motor that makes this clockwise torque, and burns what the rotors lose
     /// while f falls where nobody knows whether the bus can take it.
     #[inline(always)]
-    fn wanted_current(&self, index: usize, clockwise: Current, speed: Speed) -> Rotor<Current> {
+    fn reference_currents(&self, index: usize, clockwise: Current, speed: Speed) -> Rotor<Current> {
         let configuration = &self.configuration;
         let q = configuration.clockwise(index, clockwise);
         let per_speed = configuration.burning_per_speed[index];
         let limit = configuration.shaker.current_limit;
         let weakening = self.headroom.direct_current(index, q, limit);
         // At the ceiling f comes and goes by little, and what burns would take the voltage that it lacks; a reversal leaves it.
-        let reverses = self.asked.raw() ^ self.shaker.frequency().raw() < 0;
+        let reverses = self.setpoint.raw() ^ self.shaker.frequency().raw() < 0;
         let burns = self.shaker.gives_back()
-            || self.shaker.slowing() && (reverses || !self.headroom.limits(self.asked));
+            || self.shaker.slowing() && (reverses || !self.headroom.limits(self.setpoint));
         if per_speed == 0 || !burns {
             return Rotor { d: weakening, q };
         }
         let speed = configuration.electrical_speed(index, speed);
         let burning = direct_current(per_speed, speed, q, limit);
         // A step of all of it would overshoot by half.
-        let begins = self.wanted[index].d - Current::from_raw(limit.raw() >> BURNING_SHIFT);
+        let begins = self.references[index].d - Current::from_raw(limit.raw() >> BURNING_SHIFT);
         Rotor { d: burning.max(begins).min(weakening), q }
     }
 
-    /// Drives one motor: from its wanted current to its bridge.
+    /// Drives one motor: from its reference of current to its bridge.
     #[inline(always)]
     fn drive(&mut self, index: usize, angle: RotorAngle, speed: Speed) -> Bridge {
         let configuration = &self.configuration;
@@ -612,7 +612,7 @@ impl Control {
             phases: configuration.sensed.then_some(self.currents[index]),
             angle: configuration.electrical_angle(index, angle),
             speed: configuration.electrical_speed(index, speed),
-            wanted: self.wanted[index],
+            reference: self.references[index],
         };
         Bridge::Duty(self.loops[index].update(&configuration.motors[index], &self.bus, &input))
     }
@@ -663,8 +663,8 @@ impl Control {
 
     /// Does a tick of a trial: motors and sense are driven and measured without any value of theirs.
     #[inline(never)]
-    fn try_out(&mut self, sensors: &Sensors, order: &Order) -> Actuation {
-        let (Some(counts), Some(trial)) = (sensors.phase_current, &order.trial) else {
+    fn try_out(&mut self, sensors: &Sensors, asked: &Asked) -> Actuation {
+        let (Some(counts), Some(trial)) = (sensors.phase_current, &asked.trial) else {
             self.misaligned = Faults::NONE.with(Fault::CurrentSense);
             return Actuation { bridges: [Bridge::BRAKE; 2] };
         };

@@ -2,14 +2,14 @@
 //! different cores.
 //!
 //! ```text
-//! slow half  -- Configuration, then Order -->  Exchange  -->  fast half, every tick
+//! slow half  -- Configuration, then Asked -->  Exchange  -->  fast half, every tick
 //!            <------------- Report ----------            <--  every tenth tick
 //!            <------------- Scope -----------            <--  a row in every tick
 //! ```
 //!
 //! - Whole values cross, and the newest of each kind wins: neither half ever waits for the other.
 //! - What must not be lost when a value is overwritten crosses as a wrapping counter: requests in the
-//!   [`Order`], events in the [`Report`].
+//!   [`Asked`], events in the [`Report`].
 //! - A [`Configuration`] waits until the fast half takes it, which it does only while the motors are
 //!   not driven. It drives none while one waits.
 //!
@@ -28,18 +28,18 @@ use crate::fast::interval::Interval;
 use crate::scope::{Memory, Scope};
 use crate::units::{Current, RotorAngle, Speed, Voltage};
 
-/// What the slow half wants, handed over whole in every tick.
+/// What the slow half asks, handed over whole in every tick.
 ///
 /// The counters wrap; a change asks once for what they count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Order {
+pub struct Asked {
     /// f.
     pub frequency: Speed,
     /// theta, within a quarter turn either side of forward.
     pub direction: RotorAngle,
-    /// Counts what a person wanted: after arming, and after the rotors came to rest because commands stayed away, they rest
-    /// until the first new setpoint that is wanted.
-    pub wanted: u16,
+    /// Counts what a person asked anew: after arming, and after the rotors came to rest because commands stayed away, they rest
+    /// until the first setpoint that counts here.
+    pub anew: u16,
     /// When the newest valid command arrived.
     pub heard: Instant,
     /// Until when the newest valid command counts, however it travelled: its moment and the command
@@ -69,18 +69,18 @@ pub struct Requests {
     pub trial: u8,
 }
 
-impl Order {
+impl Asked {
     /// Takes over a sign of life that arrived now.
     pub const fn hear(&mut self, now: Instant, expires: Instant) {
         self.heard = now;
         self.expires = expires;
     }
 
-    /// Takes over a setpoint, which is in range by its type; `is_wanted`: by a person, anew.
-    pub fn set(&mut self, setpoint: &Setpoint, is_wanted: bool) {
+    /// Takes over a setpoint, which is in range by its type; `is_anew`: asked by a person.
+    pub fn set(&mut self, setpoint: &Setpoint, is_anew: bool) {
         self.frequency = setpoint.frequency().into();
         self.direction = setpoint.direction().into();
-        self.wanted = self.wanted.wrapping_add(is_wanted.into());
+        self.anew = self.anew.wrapping_add(is_anew.into());
     }
 }
 
@@ -165,7 +165,7 @@ pub struct Report {
 /// Values that the two halves have left for each other. `M` is the memory of the [`Scope`].
 #[derive(Debug, Clone)]
 pub struct Exchange<M = Memory> {
-    order: Order,
+    asked: Asked,
     /// Offered by the slow half and not taken yet.
     configuration: Option<Configuration>,
     report: Report,
@@ -177,16 +177,16 @@ impl<M: BorrowMut<Memory>> Exchange<M> {
     /// Returns an exchange in which nothing is asked for; `report` is the fast half's first.
     #[must_use]
     pub fn new(report: Report, memory: M) -> Self {
-        Self { order: Order::default(), configuration: None, report, scope: Scope::new(memory) }
+        Self { asked: Asked::default(), configuration: None, report, scope: Scope::new(memory) }
     }
 
     /// Leaves what the slow half asks for. A configuration that the fast half has not taken yet
     /// stays, unless there is a newer one.
-    pub fn ask(&mut self, order: Order, configuration: Option<&Configuration>) {
+    pub fn ask(&mut self, asked: Asked, configuration: Option<&Configuration>) {
         if let Some(configuration) = configuration {
             self.configuration = Some(*configuration);
         }
-        self.order = order;
+        self.asked = asked;
     }
 
     /// Returns whether a configuration waits for the fast half.
@@ -195,13 +195,13 @@ impl<M: BorrowMut<Memory>> Exchange<M> {
         self.configuration.is_some()
     }
 
-    /// Returns the newest order, after `configure` was shown the configuration that waits, if any;
+    /// Returns what is asked now, after `configure` was shown the configuration that waits, if any;
     /// while `configure` refuses it by `false`, it goes on waiting.
-    pub fn take(&mut self, configure: impl FnOnce(&Configuration) -> bool) -> Order {
+    pub fn take(&mut self, configure: impl FnOnce(&Configuration) -> bool) -> Asked {
         if self.configuration.as_ref().is_some_and(configure) {
             self.configuration = None;
         }
-        self.order
+        self.asked
     }
 
     /// Leaves how the fast half is.

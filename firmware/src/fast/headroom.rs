@@ -64,7 +64,7 @@ pub(crate) struct Look<'a> {
     /// How fast the rotor turns,
     pub(crate) speed: ElectricalSpeed,
     /// and the currents that its references ask for.
-    pub(crate) wanted: Rotor<Current>,
+    pub(crate) reference: Rotor<Current>,
     /// The q current that keeps the rotor turning, zero or more,
     pub(crate) load: Current,
     /// and whether f stands, so that it is no other.
@@ -77,7 +77,7 @@ pub(crate) struct Look<'a> {
     /// and the rotors behind for that,
     pub(crate) lags: bool,
     /// and the f that is asked for.
-    pub(crate) asked: Speed,
+    pub(crate) setpoint: Speed,
     /// By which share the rotor's speed comes and goes within a turn, 2^-32.
     pub(crate) ripple: i32,
     /// Largest current.
@@ -120,8 +120,8 @@ impl Headroom {
     }
 
     /// Returns whether the ceiling is below what is asked.
-    pub(crate) const fn limits(&self, asked: Speed) -> bool {
-        magnitude(asked.raw()) - self.ceiling > BEYOND
+    pub(crate) const fn limits(&self, setpoint: Speed) -> bool {
+        magnitude(setpoint.raw()) - self.ceiling > BEYOND
     }
 
     /// Returns the direct current of a motor, zero or less, as far as its q current leaves room below `limit`.
@@ -132,7 +132,7 @@ impl Headroom {
 
     /// Looks at one motor, due every [`LOOK_TICKS`] for each. Never panics.
     pub(crate) fn look(&mut self, motor: usize, look: &Look<'_>) {
-        let Look { model, bus, wanted, limit, .. } = *look;
+        let Look { model, bus, reference, limit, .. } = *look;
         let load = &mut self.loads[motor % 2];
         if look.steady {
             *load = *load + Current::from_raw((look.load - *load).raw() >> LOAD_SHIFT);
@@ -141,7 +141,7 @@ impl Headroom {
                 (false, true) => 0,
                 (false, false) => -MARGIN_FADES,
             };
-            let least = if self.limits(look.asked) { LEAST_MARGIN } else { 0 };
+            let least = if self.limits(look.setpoint) { LEAST_MARGIN } else { 0 };
             self.margin = (self.margin + change).max(least).min(MOST_MARGIN);
         }
         let load = self.loads[motor % 2];
@@ -150,7 +150,7 @@ impl Headroom {
         let most =
             weakest(model, fastest).min(room(load, limit)).min(direct(model, bus, fastest, load));
 
-        let pressed = voltage_square(model, bus, look.speed, wanted) - PRESSED;
+        let pressed = voltage_square(model, bus, look.speed, reference) - PRESSED;
         // 1/8 A for each volt.
         let change = multiply_high(bus.limit.raw(), pressed).clamp(-FADES, GROWS);
         let weakening = &mut self.weakening[motor % 2];
@@ -344,21 +344,22 @@ mod tests {
             let speed = ElectricalSpeed::from_raw((hertz * 7.0 * 429_496.729_6) as i32);
             for _ in 0..(seconds * 1e4 / f64::from(LOOK_TICKS)) as u32 {
                 for motor in [0, 1] {
-                    let wanted = Rotor { d: headroom.direct_current(motor, q, limit), q };
-                    let [v_d, v_q] =
-                        self.voltage(hertz, amperes(wanted.d), self.load).map(Voltage::from_volts);
+                    let reference = Rotor { d: headroom.direct_current(motor, q, limit), q };
+                    let [v_d, v_q] = self
+                        .voltage(hertz, amperes(reference.d), self.load)
+                        .map(Voltage::from_volts);
                     let look = Look {
                         model: &model,
                         bus: &bus,
                         pole_pairs: POLE_PAIRS,
                         speed,
-                        wanted,
+                        reference,
                         load: q,
                         steady: true,
                         limited: false,
                         lags: false,
-                        asked: Speed::ZERO,
-                        current: wanted,
+                        setpoint: Speed::ZERO,
+                        current: reference,
                         voltage: Rotor { d: v_d, q: v_q },
                         ripple: (ripple * 4_294_967_296.0) as i32,
                         limit,
@@ -408,12 +409,12 @@ mod tests {
             bus,
             pole_pairs,
             speed: ElectricalSpeed::ZERO,
-            wanted: Rotor::default(),
+            reference: Rotor::default(),
             load: Current::ZERO,
             steady: true,
             limited: false,
             lags: false,
-            asked: Speed::ZERO,
+            setpoint: Speed::ZERO,
             current: Rotor::default(),
             voltage: Rotor::default(),
             ripple: 0,
@@ -458,12 +459,12 @@ mod tests {
                             bus: &motor.bus(),
                             pole_pairs: POLE_PAIRS,
                             speed: ElectricalSpeed::ZERO,
-                            wanted: Rotor { d: Current::ZERO, q: load },
+                            reference: Rotor { d: Current::ZERO, q: load },
                             load,
                             steady,
                             limited: false,
                             lags: false,
-                            asked: Speed::ZERO,
+                            setpoint: Speed::ZERO,
                             current: Rotor::default(),
                             voltage,
                             ripple: 0,
@@ -571,11 +572,11 @@ mod tests {
                 for _ in 0..2_000 {
                     let limit = Current::from_amperes(limit);
                     let q = Current::from_raw((f64::from(limit.raw()) * sign) as i32);
-                    let wanted = Rotor { d: headroom.direct_current(0, q, limit), q };
+                    let reference = Rotor { d: headroom.direct_current(0, q, limit), q };
                     let speed = (75.0 * 429_496.729_6 * f64::from(pole_pairs) * sign) as i32;
                     let look = Look {
                         speed: ElectricalSpeed::from_raw(speed),
-                        wanted,
+                        reference,
                         load: q.magnitude(),
                         ripple: 1 << 27,
                         ..standing(&model, &bus, pole_pairs, limit)

@@ -11,8 +11,8 @@
 //!   D              delay of a reading: latency of the encoder and age of the reading
 //!   C              (kp a + kd v + ki a / s) e: the law of the shaker on what the tracker says
 //!   H              speed that the tracker says over the true one: v e / s
-//!   zoh            one demand lasts for a stride of ticks
-//!   T              current over wanted current: (PI + R) D_c / Z, Z = R + s L + PI D_c; in voltage mode, where the model is
+//!   zoh            one update lasts for a stride of ticks
+//!   T              current over its reference: (PI + R) D_c / Z, Z = R + s L + PI D_c; in voltage mode, where the model is
 //!                  what PI sees, at once and without an integral, (P + R) D_c / (R + s L + P), and Z = R + s L
 //!   b              3/2 p^2 flux^2 / (R J): how fast a shorted motor brakes
 //! current loop     L = PI D_c / (R + s L)

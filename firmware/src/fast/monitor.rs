@@ -180,7 +180,7 @@ pub(crate) struct Observation<'a> {
     /// by what,
     pub(crate) shaker: &'a Shaker,
     /// and the f that is asked for.
-    pub(crate) target: Speed,
+    pub(crate) setpoint: Speed,
     /// The same below the ceiling of the voltage.
     pub(crate) reachable: Speed,
 }
@@ -283,8 +283,8 @@ impl Monitor {
         }
         let unlocked = shaker.slipping() || magnitude(shaker.sum_error()) > LARGEST_SUM_ERROR;
         let is_off = magnitude(shaker.sum_error()) > CEILING_SUM_ERROR;
-        let target = if is_off { observation.target } else { observation.reachable };
-        let droop = (target - shaker.frequency()).magnitude();
+        let setpoint = if is_off { observation.setpoint } else { observation.reachable };
+        let droop = (setpoint - shaker.frequency()).magnitude();
         let ramps = shaker.ramps(&configuration.shaker.ramps);
         // What is stuck is about to be a stall.
         let lost = self.unlocked.diagnose(unlocked && !stuck, UNLOCKED_TICKS)
@@ -384,7 +384,7 @@ mod tests {
     use crate::fast::foc::modulation::Bus;
     use crate::fast::foc::transform::Rotor;
     use crate::fast::reference::STRIDE;
-    use crate::fast::shaker::{Rotors, Target};
+    use crate::fast::shaker::{Rotors, Setpoint};
     use crate::settings::Settings;
     use crate::units::{ElectricalAngle, ElectricalSpeed, RotorAngle, TICK_RATE_HZ};
 
@@ -404,7 +404,7 @@ mod tests {
         loops: [CurrentLoop; 2],
         shaking: bool,
         shaker: Shaker,
-        target: Speed,
+        setpoint: Speed,
         /// Whether f is the ceiling of the voltage.
         is_ceiling: bool,
     }
@@ -429,7 +429,7 @@ mod tests {
                 speeds: [speed, -speed],
             };
             let mut shaker = Shaker::at_rest(&rotors(0, 0, Speed::ZERO));
-            let target = Target { frequency, direction: None };
+            let setpoint = Setpoint { frequency, direction: None };
             let mut phase = 0_u32;
             for update in (0..updates).rev() {
                 let step = (shaker.frequency().raw() as u32).wrapping_mul(STRIDE);
@@ -437,7 +437,7 @@ mod tests {
                 let is_last = update == 0;
                 let ahead = if is_last { -sum_error } else { 0 };
                 let rotors = rotors(phase, ahead, shaker.frequency());
-                shaker.update(&configuration.shaker, &rotors, &target, limited && is_last);
+                shaker.update(&configuration.shaker, &rotors, &setpoint, limited && is_last);
             }
             assert_eq!(shaker.sum_error(), sum_error);
             assert!(shaker.limited() == limited || sum_error != 0);
@@ -447,7 +447,7 @@ mod tests {
                 currents: [[Current::ZERO; 2]; 2],
                 loops: [CurrentLoop::default(); 2],
                 shaking: true,
-                target: shaker.frequency(),
+                setpoint: shaker.frequency(),
                 is_ceiling: false,
                 shaker,
                 configuration,
@@ -468,8 +468,8 @@ mod tests {
                 loops: &self.loops,
                 shaking: self.shaking,
                 shaker: &self.shaker,
-                target: self.target,
-                reachable: if self.is_ceiling { self.shaker.frequency() } else { self.target },
+                setpoint: self.setpoint,
+                reachable: if self.is_ceiling { self.shaker.frequency() } else { self.setpoint },
             };
             monitor.faults(Faults::NONE, &observation)
         }
@@ -592,7 +592,7 @@ mod tests {
         for sign in [1, -1] {
             let droop = |scene: &Scene, more: i32| {
                 let away = sign * (LARGEST_DROOP.raw() + more);
-                but(scene, |scene| scene.target = scene.target + Speed::from_raw(away))
+                but(scene, |scene| scene.setpoint = scene.setpoint + Speed::from_raw(away))
             };
             let (fine, wrong) = (droop(&pressed, 0), droop(&pressed, 1));
             assert_limit(&fine, &wrong, Fault::PhaseLockLost, DROOP_TICKS);
@@ -605,7 +605,7 @@ mod tests {
         for sign in [1, -1] {
             let at_ceiling = |sum_error: i32| {
                 let mut scene = Scene::with(MOVING, sign * sum_error, true);
-                scene.target = scene.target + LARGEST_DROOP + ONE;
+                scene.setpoint = scene.setpoint + LARGEST_DROOP + ONE;
                 scene.is_ceiling = true;
                 scene
             };
@@ -617,7 +617,7 @@ mod tests {
     #[test]
     fn f_that_ramps_slowly_is_on_its_way_with_the_motors_at_their_limits_too() {
         let mut scene = Scene::after(40, MOVING, 0, true);
-        scene.target = scene.target + LARGEST_DROOP + ONE;
+        scene.setpoint = scene.setpoint + LARGEST_DROOP + ONE;
         assert_eq!(scene.found_by(&mut Monitor::default()), None);
     }
 
@@ -808,12 +808,12 @@ mod tests {
         let scene = Scene::new(Speed::ZERO);
         let bus = Bus::new(scene.bus_voltage, 0);
         // A current that is asked for and does not flow.
-        for [wanted, flowing] in [[0.3, 0.0], [-0.3, 0.0], [0.0, 0.3], [0.0, -0.3]] {
+        for [reference, flowing] in [[0.3, 0.0], [-0.3, 0.0], [0.0, 0.3], [0.0, -0.3]] {
             let input = Input {
                 phases: Some([Current::ZERO, Current::from_amperes(flowing)]),
                 angle: ElectricalAngle::ZERO,
                 speed: ElectricalSpeed::ZERO,
-                wanted: Rotor { d: Current::ZERO, q: Current::from_amperes(wanted) },
+                reference: Rotor { d: Current::ZERO, q: Current::from_amperes(reference) },
             };
             let mut state = CurrentLoop::default();
             state.update(&scene.configuration.motors[0], &bus, &input);
@@ -837,7 +837,7 @@ mod tests {
         let pressed = Scene::with(GOING_ON + ONE, 0, true);
         let still = but(&pressed, |scene| scene.speeds[0] = Speed::ZERO);
         let unlocked = but(&Scene::with(MOVING, LARGEST_SUM_ERROR + 1, true), |scene| {
-            scene.target = scene.target + LARGEST_DROOP + ONE;
+            scene.setpoint = scene.setpoint + LARGEST_DROOP + ONE;
         });
         for (scene, fault) in [(still, Fault::Stall), (unlocked, Fault::PhaseLockLost)] {
             let mut monitor = Monitor::default();

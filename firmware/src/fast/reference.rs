@@ -141,12 +141,12 @@ impl Reference {
         ramps: &Ramps,
         headroom: i32,
         headroom_down: i32,
-        target: i32,
+        setpoint: i32,
     ) -> i32 {
         let frequency = self.frequency.raw();
-        let gap = target.wrapping_sub(frequency);
+        let gap = setpoint.wrapping_sub(frequency);
         if magnitude(gap) < SAME_FREQUENCY {
-            self.frequency = Speed::from_raw(target);
+            self.frequency = Speed::from_raw(setpoint);
             self.frequency_slope = 0;
         } else {
             // Slowing down takes less voltage than going on: it needs no headroom, but motors that can brake so fast.
@@ -167,12 +167,12 @@ impl Reference {
     #[inline(always)]
     pub(crate) fn ramp_direction(&mut self, ramps: &Ramps, direction: Option<RotorAngle>) -> i32 {
         let ramp = ramps.sum.raw();
-        let wanted = direction.map_or(0, |direction| {
+        let speed = direction.map_or(0, |direction| {
             let gap = direction.raw().wrapping_mul(2).wrapping_sub(self.sum) as i32;
             within(multiply_high(gap, per_second(DIRECTION_APPROACH)), ramp)
         });
         let steepest = multiply_high(ramp, per_second(DIRECTION_APPROACH));
-        let change = within(wanted - self.sum_speed.raw(), (steepest + 1) * STEP);
+        let change = within(speed - self.sum_speed.raw(), (steepest + 1) * STEP);
         self.sum_speed = self.sum_speed + Speed::from_raw(change);
         self.sum = moved(self.sum, self.sum_speed, STRIDE);
         shifted(change, 6)

@@ -110,7 +110,7 @@ pub(crate) struct ShakerModel {
     pub(crate) integral: i32,
     /// `J / (2 K_t)` of top and bottom: 2^-16 A per (2^-40 turn per tick^2) times 2^`acceleration_shift`, in 2^-32.
     pub(crate) current_per_acceleration: [i32; 2],
-    /// From a demand to the middle of the time in which its torque acts, ticks in 2^-[`LAG_BITS`].
+    /// From an update to the middle of the time in which its torque acts, ticks in 2^-[`LAG_BITS`].
     pub(crate) lag: i32,
     /// As far as the largest acceleration goes up in 31 bits, so that heavy rotors of weak motors fit too.
     pub(crate) acceleration_shift: u32,
@@ -255,16 +255,16 @@ struct Ripple {
 
 /// What the shaker is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Target {
+pub(crate) struct Setpoint {
     /// f.
     pub(crate) frequency: Speed,
     /// theta; `None` keeps what it is, and stops by ramps that are steep enough for it.
     pub(crate) direction: Option<RotorAngle>,
 }
 
-/// What the shaker wants of top and bottom motor in the next [`STRIDE`] ticks, clockwise.
+/// Torques of top and bottom motor, as currents, in the next [`STRIDE`] ticks, clockwise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Demand {
+pub(crate) struct Torques {
     /// Top, bottom.
     pub(crate) currents: [Current; 2],
     /// By how much the references change the rotors' speeds, for those who estimate them.
@@ -395,12 +395,14 @@ impl Shaker {
 
     /// Returns whether f, of the reference or that of the rotors over a turn, is held below what is asked because the motors are at
     /// their limits: while it ramps at half of its rate or more, it is on its way.
-    pub(crate) const fn held_back(&self, ramps: &Ramps, target: Speed, rotors: Speed) -> bool {
+    pub(crate) const fn held_back(&self, ramps: &Ramps, setpoint: Speed, rotors: Speed) -> bool {
         if self.ramps(ramps) {
             return false;
         }
-        let [wanted, have] = [magnitude(self.reference.frequency.raw()), magnitude(rotors.raw())];
-        let (reached, asked) = (if have < wanted { have } else { wanted }, magnitude(target.raw()));
+        let [reference, have] =
+            [magnitude(self.reference.frequency.raw()), magnitude(rotors.raw())];
+        let (reached, asked) =
+            (if have < reference { have } else { reference }, magnitude(setpoint.raw()));
         self.headroom < HELD_BACK && asked - reached > UNREACHED
     }
 
@@ -415,30 +417,26 @@ impl Shaker {
     }
 
     /// Does one update, due every [`STRIDE`] ticks. `voltage_limited`: either motor got less voltage
-    /// than it wanted in a tick since the last. Never panics.
+    /// than its current takes in a tick since the last. Never panics.
     #[inline]
     pub(crate) fn update(
         &mut self,
         model: &ShakerModel,
         rotors: &Rotors,
-        target: &Target,
+        setpoint: &Setpoint,
         voltage_limited: bool,
-    ) -> Demand {
+    ) -> Torques {
         self.follow_headroom();
         self.voltage_limited = voltage_limited;
         if self.gives_way() {
             self.give_way();
         }
-        let stops = target.direction.is_none();
+        let stops = setpoint.direction.is_none();
         let ramps = &if stops { model.ramps.stopping() } else { model.ramps };
-        let target_frequency = target.frequency.raw();
-        let acceleration_difference = self.reference.ramp_frequency(
-            ramps,
-            self.headroom,
-            self.headroom_down,
-            target_frequency,
-        );
-        let acceleration_sum = self.reference.ramp_direction(ramps, target.direction);
+        let frequency = setpoint.frequency.raw();
+        let acceleration_difference =
+            self.reference.ramp_frequency(ramps, self.headroom, self.headroom_down, frequency);
+        let acceleration_sum = self.reference.ramp_direction(ramps, setpoint.direction);
         match self.countdown {
             0 => self.schedule(model),
             SECOND_UPDATE => self.schedule_second(model),
@@ -483,7 +481,7 @@ impl Shaker {
             let scaled = shifted(acceleration, model.acceleration_shift);
             Current::from_raw(multiply_high(scaled, gain)).within(model.current_limit)
         };
-        Demand {
+        Torques {
             currents: [current(sum + difference, top_gain), current(sum - difference, bottom_gain)],
             speed_changes: [
                 Speed::from_raw(sum_change + difference_change),

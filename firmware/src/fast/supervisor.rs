@@ -16,8 +16,8 @@
 //! The failsafe ladder counts from the arrival of the newest valid command: after [`LINK_LATE`] the
 //! operator is warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`]
 //! the motors are disarmed. Commands that come back while they ramp down are obeyed again; once the rotors
-//! stand, they turn again only when a person wants it anew ([`Order::wanted`]). Apart from that, a command counts only until it expires
-//! ([`Order::expires`]): once the newest has, both rotors ramp down too, so that a network that
+//! stand, they turn again only when a person asks anew ([`Asked::anew`]). Apart from that, a command counts only until it expires
+//! ([`Asked::expires`]): once the newest has, both rotors ramp down too, so that a network that
 //! delays commands gains no time of movement.
 //!
 //! # How each fault stops the rotors
@@ -36,7 +36,7 @@ use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
 use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
-use crate::fast::exchange::{EventCounters, Order, Requests};
+use crate::fast::exchange::{Asked, EventCounters, Requests};
 use crate::fast::still::REST_TICKS;
 use crate::units::Speed;
 
@@ -113,7 +113,7 @@ pub(crate) struct Supervisor {
     ticks: u16,
     /// What was obeyed last.
     pub(crate) obeyed: Requests,
-    /// What was wanted before the rotors rested: no more of that moves them.
+    /// What was asked before the rotors rested: no more of that moves them.
     rested_at: u16,
     ramp_down: bool,
     /// Whether what measures the motors is a trial.
@@ -168,21 +168,21 @@ impl Supervisor {
 
     /// Does one tick. Never panics.
     #[inline]
-    pub(crate) fn update(&mut self, now: Instant, order: &Order, conditions: &Conditions) -> Drive {
+    pub(crate) fn update(&mut self, now: Instant, asked: &Asked, conditions: &Conditions) -> Drive {
         self.ticks = self.ticks.saturating_add(1);
         if !conditions.present.is_empty() && self.state != State::Disarmed {
             self.raise(conditions.present);
         }
-        if self.commanded(order) {
-            self.obey(now, order, conditions);
+        if self.commanded(asked) {
+            self.obey(now, asked, conditions);
         }
         if self.driving() {
-            self.climb_ladder(now, order);
+            self.climb_ladder(now, asked);
         } else {
             self.link_late = false;
             self.link_lost = false;
         }
-        self.advance(order, conditions)
+        self.advance(asked, conditions)
     }
 
     /// Returns whether it has been in its state for so long that rotors which are not driven stand, whatever the encoders say.
@@ -195,24 +195,24 @@ impl Supervisor {
         self.ticks = 0;
     }
 
-    /// Returns whether the order asks for something new; as one comparison of a word.
+    /// Returns whether something new is asked; as one comparison of a word.
     #[inline(always)]
-    fn commanded(&self, order: &Order) -> bool {
+    fn commanded(&self, asked: &Asked) -> bool {
         let word = |Requests { arm, disarm, stop, clear, .. }| {
             u32::from_le_bytes([arm, disarm, stop, clear])
         };
-        word(order.requests) != word(self.obeyed) || order.requests.trial != self.obeyed.trial
+        word(asked.requests) != word(self.obeyed) || asked.requests.trial != self.obeyed.trial
     }
 
     /// Obeys what was asked for since the last tick. Counters do not show which request came last:
     /// those that come in one tick are obeyed on the safe side. A stop is not cleared, and a robot
     /// that is disarmed is not armed.
     #[inline(never)]
-    fn obey(&mut self, now: Instant, order: &Order, conditions: &Conditions) {
-        let asked = order.requests;
-        let obeyed = core::mem::replace(&mut self.obeyed, asked);
-        let stop = asked.stop != obeyed.stop;
-        let disarm = asked.disarm != obeyed.disarm;
+    fn obey(&mut self, now: Instant, asked: &Asked, conditions: &Conditions) {
+        let requests = asked.requests;
+        let obeyed = core::mem::replace(&mut self.obeyed, requests);
+        let stop = requests.stop != obeyed.stop;
+        let disarm = requests.disarm != obeyed.disarm;
         if stop {
             if !self.stopped {
                 self.events.stopped = self.events.stopped.wrapping_add(1);
@@ -223,21 +223,21 @@ impl Supervisor {
         if disarm {
             self.ramp_down_and_disarm();
         }
-        if asked.clear != obeyed.clear && !stop {
+        if requests.clear != obeyed.clear && !stop {
             self.clear(conditions);
         }
-        let tries = asked.trial != obeyed.trial;
-        if (tries || asked.arm != obeyed.arm) && !stop && !disarm {
-            self.arm(now, order, tries);
+        let tries = requests.trial != obeyed.trial;
+        if (tries || requests.arm != obeyed.arm) && !stop && !disarm {
+            self.arm(now, asked, tries);
         }
     }
 
     /// Begins to align, or with a trial, after which it is disarmed again.
-    fn arm(&mut self, now: Instant, order: &Order, tries: bool) {
-        let silence = now.as_micros().saturating_sub(order.heard.as_micros());
-        let heard = silence < LINK_LATE_US && now <= order.expires;
+    fn arm(&mut self, now: Instant, asked: &Asked, tries: bool) {
+        let silence = now.as_micros().saturating_sub(asked.heard.as_micros());
+        let heard = silence < LINK_LATE_US && now <= asked.expires;
         if self.state == State::Disarmed && !self.stopped && heard {
-            self.rested_at = order.wanted;
+            self.rested_at = asked.anew;
             self.tries = tries;
             self.enter(State::Aligning);
         }
@@ -279,9 +279,9 @@ impl Supervisor {
     }
 
     #[inline]
-    fn climb_ladder(&mut self, now: Instant, order: &Order) {
-        let silence = now.as_micros().saturating_sub(order.heard.as_micros());
-        let expired = now > order.expires;
+    fn climb_ladder(&mut self, now: Instant, asked: &Asked) {
+        let silence = now.as_micros().saturating_sub(asked.heard.as_micros());
+        let expired = now > asked.expires;
         if silence < LINK_LATE_US && !expired {
             self.link_late = false;
             self.link_lost = false;
@@ -317,7 +317,7 @@ impl Supervisor {
 
     /// Does what the state does, and goes where it leads when that is done.
     #[inline]
-    fn advance(&mut self, order: &Order, conditions: &Conditions) -> Drive {
+    fn advance(&mut self, asked: &Asked, conditions: &Conditions) -> Drive {
         match self.state {
             State::Disarmed => self.rest(conditions),
             State::Aligning if conditions.outdated => self.wait(conditions),
@@ -333,20 +333,20 @@ impl Supervisor {
                 if self.tries { Drive::Try } else { Drive::Align }
             }
             State::Armed => {
-                let asked = order.wanted != self.rested_at && order.frequency != Speed::ZERO;
-                if asked && !self.link_late {
+                let is_anew = asked.anew != self.rested_at && asked.frequency != Speed::ZERO;
+                if is_anew && !self.link_late {
                     self.enter(State::Running);
-                    return Drive::Shake(order.frequency, true);
+                    return Drive::Shake(asked.frequency, true);
                 }
                 Drive::Shake(Speed::ZERO, false)
             }
             State::Running => {
-                if order.frequency == Speed::ZERO && conditions.at_rest {
+                if asked.frequency == Speed::ZERO && conditions.at_rest {
                     self.enter(State::Armed);
                 }
-                Drive::Shake(order.frequency, true)
+                Drive::Shake(asked.frequency, true)
             }
-            State::Stopping => self.stop(order, conditions),
+            State::Stopping => self.stop(asked, conditions),
             State::Faulted => self.make_safe(conditions),
         }
     }
@@ -361,14 +361,14 @@ impl Supervisor {
         self.make_safe(conditions)
     }
 
-    fn stop(&mut self, order: &Order, conditions: &Conditions) -> Drive {
+    fn stop(&mut self, asked: &Asked, conditions: &Conditions) -> Drive {
         // Rotors that brake are not under control any more.
         let ramps = self.ticks <= LONGEST_RAMP_TICKS;
         let back = self.reason == Reason::Deadline && !self.link_late && ramps;
         if back {
             self.enter(State::Running);
         } else if conditions.at_rest {
-            self.rested_at = order.wanted;
+            self.rested_at = asked.anew;
             self.enter(match self.reason {
                 Reason::Deadline => State::Armed,
                 Reason::Final => State::Disarmed,

@@ -1,7 +1,7 @@
 //! Trials of motors that nobody knows: see [`flix_protocol::message::Trial`].
 //!
 //! No value of the motor is used. The voltage starts from nothing and grows by 1/128 a tick, so that within the time
-//! constant of any motor of this size (2 ms) it gains at most a sixth; a phase that carries the wanted current, as its
+//! constant of any motor of this size (2 ms) it gains at most a sixth; a phase that carries its reference of current, as its
 //! amplifier shows it, ends the growth. At [`LOOK_VOLTAGE`] the growth waits until a current must show: without one
 //! nothing tells how much flows.
 
@@ -26,7 +26,7 @@ const GROWTH_SHIFT: u32 = 7;
 /// Once the current is there, the voltage follows it by this share of itself a tick, 2^-9.
 const HOLD_SHIFT: u32 = 9;
 /// Where a rotor that swings back adds its back-EMF, the voltage falls by this share of itself a tick, 2^-5, once the current is
-/// beyond what is wanted by a quarter.
+/// beyond its reference by a quarter.
 const FALL_SHIFT: u32 = 5;
 /// The current is averaged over 2^3 ticks to end the growth.
 const QUICK_SHIFT: u32 = 3;
@@ -93,7 +93,7 @@ struct Motor {
 #[derive(Debug, Clone)]
 pub(crate) struct TrialRun {
     trial: Trial,
-    wanted: Current,
+    reference: Current,
     stage: Stage,
     tick: u32,
     stillness: Stillness,
@@ -106,10 +106,10 @@ pub(crate) struct TrialRun {
 impl TrialRun {
     /// Starts from the beginning. A current beyond the trial's range becomes the nearest in it.
     pub(crate) fn new(trial: &Trial) -> Self {
-        let wanted = trial.current_ma.clamp(LEAST_TRIAL_CURRENT_MA, MOST_TRIAL_CURRENT_MA);
+        let reference = trial.current_ma.clamp(LEAST_TRIAL_CURRENT_MA, MOST_TRIAL_CURRENT_MA);
         Self {
             trial: *trial,
-            wanted: milliamperes(wanted),
+            reference: milliamperes(reference),
             stage: Stage::Rest,
             tick: 0,
             stillness: Stillness::default(),
@@ -197,11 +197,11 @@ impl TrialRun {
         {
             motor.average(*currents);
             if motor.is_grown {
-                motor.falls(self.wanted);
+                motor.falls(self.reference);
                 continue;
             }
             all_are_grown = false;
-            if motor.is_full(self.wanted) || motor.voltage >= most {
+            if motor.is_full(self.reference) || motor.voltage >= most {
                 motor.is_grown = true;
             } else if motor.voltage < LOOK_VOLTAGE || motor.shows {
                 let step = (motor.voltage.raw() >> GROWTH_SHIFT) + 1;
@@ -227,11 +227,11 @@ impl TrialRun {
         let most = most_voltage(observation.bus);
         for (motor, currents) in self.motors.iter_mut().zip(observation.currents) {
             motor.average(*currents);
-            if motor.falls(self.wanted) {
+            if motor.falls(self.reference) {
                 continue;
             }
             let step = Voltage::from_raw((motor.voltage.raw() >> HOLD_SHIFT) + 1);
-            motor.voltage = if motor.is_full(self.wanted) {
+            motor.voltage = if motor.is_full(self.reference) {
                 motor.voltage - step
             } else {
                 motor.voltage + step
@@ -306,17 +306,17 @@ impl TrialRun {
 }
 
 impl Motor {
-    /// Returns whether it carries the wanted current, or turns as much power to heat as it may.
-    fn is_full(&self, wanted: Current) -> bool {
+    /// Returns whether it carries its reference of current, or turns as much power to heat as it may.
+    fn is_full(&self, reference: Current) -> bool {
         let current = self.current();
         // 2^-16 V times 2^-16 A, of which the upper half is in V A.
         let power = multiply_high(self.voltage.raw() << 8, current.raw() << 8);
-        current >= wanted || power >= MOST_POWER
+        current >= reference || power >= MOST_POWER
     }
 
-    /// Lets the voltage fall where the current is beyond what is wanted by a quarter; returns whether it did.
-    fn falls(&mut self, wanted: Current) -> bool {
-        let is_beyond = self.current() > Current::from_raw(wanted.raw() / 4 * 5);
+    /// Lets the voltage fall where the current is beyond its reference by a quarter; returns whether it did.
+    fn falls(&mut self, reference: Current) -> bool {
+        let is_beyond = self.current() > Current::from_raw(reference.raw() / 4 * 5);
         if is_beyond {
             self.voltage =
                 Voltage::from_raw(self.voltage.raw() - (self.voltage.raw() >> FALL_SHIFT));

@@ -25,7 +25,7 @@ pub(crate) fn bus() -> Bus {
     Bus::new(Voltage::from_volts(BUS), (DEAD_SHARE * 2_147_483_648.0) as i32)
 }
 
-/// Random numbers: any angle; speeds to 40 Hz either way; wanted and flowing currents to 2 A. At
+/// Random numbers: any angle; speeds to 40 Hz either way; reference and flowing currents to 2 A. At
 /// the highest speeds and currents the voltage limit holds.
 pub(crate) fn rows() -> impl Iterator<Item = Input> {
     let mut seed = 0x5eed_u64;
@@ -41,7 +41,7 @@ pub(crate) fn rows() -> impl Iterator<Item = Input> {
         let speed = symmetric(next(), 40.0 * 7.0 / 10_000.0 * 4_294_967_296.0);
         let mut current = || symmetric(next(), 2.0 * 65_536.0);
         let [current_d, current_q] = [current() / 2, current()];
-        // What flows is near what was wanted, as in a loop that works.
+        // What flows is near its reference, as in a loop that works.
         let flowing = f64::from(current_q) / 65_536.0;
         let radians = f64::from(angle) / 4_294_967_296.0 * core::f64::consts::TAU;
         let third = core::f64::consts::TAU / 3.0;
@@ -52,7 +52,7 @@ pub(crate) fn rows() -> impl Iterator<Item = Input> {
             phases,
             angle: ElectricalAngle::from_raw(angle),
             speed: ElectricalSpeed::from_raw(speed),
-            wanted: Rotor { d: Current::from_raw(current_d), q: Current::from_raw(current_q) },
+            reference: Rotor { d: Current::from_raw(current_d), q: Current::from_raw(current_q) },
         }
     })
 }

@@ -301,7 +301,7 @@ fn try_run(
             _ => false,
         };
     }
-    let settings = operation.robot.software().settings();
+    let settings = operation.robot.software().slow.settings();
     let kept = match operation.robot.report().first_fault {
         Some(fault) => {
             why += &format!("; fault: {fault}");

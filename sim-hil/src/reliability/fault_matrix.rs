@@ -220,7 +220,7 @@ impl Place<'_> {
     fn judge(&self, robot: &SimulatedRobot<Plant>, watch: &Watch, onset: Instant) -> Cell {
         let report = robot.report();
         let figures = watch.hold.figures();
-        let current_limit = f64::from(robot.software().settings().current_limit);
+        let current_limit = f64::from(robot.software().slow.settings().current_limit);
         let knowable = onset + self.case.knowable_after;
         let safe_s = watch.rested.map(|at| at.since(knowable).as_secs_f64());
         // An amplifier that lies takes its error with it into the limit.

@@ -331,7 +331,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
                     self.restart();
                 }
                 self.actuation = self.software.tick(self.software_time(), sensors);
-                if let Some(bytes) = self.software.keep() {
+                if let Some(bytes) = self.software.slow.link.keep() {
                     self.black_box[blackbox::RUN].copy_from_slice(&bytes);
                 }
             }
@@ -353,48 +353,48 @@ impl<M: Mechanics> SimulatedRobot<M> {
         self.started = self.ticks;
         self.software = power_up(&self.parameters, &mut self.entropy);
         let kept = Kept::decode(&self.black_box);
-        self.software.set_crash(kept.report(self.reset.clone()));
-        self.software.set_reset(self.reset.clone());
+        self.software.slow.link.set_crash(kept.report(self.reset.clone()));
+        self.software.slow.link.set_reset(self.reset.clone());
     }
 
     /// Hands a datagram to the robot's network interface, and returns whether its operator sent it just now.
     pub fn receive(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
         self.processor == Processor::Runs
-            && self.software.receive(self.software_time(), from, datagram)
+            && self.software.slow.receive(self.software_time(), from, datagram)
     }
 
     /// Returns the next datagram that the robot sends now, and to whom.
     pub fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr> {
         let now = self.software_time();
         let is_silent = self.processor != Processor::Runs;
-        if is_silent || self.software.poll_at(now).is_none_or(|at| at > now) {
+        if is_silent || self.software.slow.poll_at(now).is_none_or(|at| at > now) {
             return None;
         }
-        self.software.transmit(now, frame)
+        self.software.slow.transmit(now, frame)
     }
 
     /// Returns who holds the session with the robot.
     #[must_use]
     pub fn operator(&self) -> Option<SocketAddr> {
-        self.software.operator(self.software_time())
+        self.software.slow.link.operator(self.software_time())
     }
 
     /// Returns the name of the operator who holds the session.
     #[must_use]
     pub fn driver(&self) -> Option<OperatorName> {
-        self.software.driver(self.software_time())
+        self.software.slow.link.driver(self.software_time())
     }
 
     /// Returns how well the robot hears, and what it dropped.
     #[must_use]
     pub fn link_quality(&self) -> LinkQuality {
-        self.software.quality(self.software_time())
+        self.software.slow.link.quality(self.software_time())
     }
 
     /// Gives the live robot other operators, as over its cable.
     pub fn change_operators(&mut self, operators: impl Into<Operators>) {
         self.parameters.operators = operators.into();
-        self.software.provision(self.parameters.name, self.parameters.operators.clone());
+        self.software.slow.provision(self.parameters.name, self.parameters.operators.clone());
     }
 
     /// Returns what the software believes.

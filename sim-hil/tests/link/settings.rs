@@ -137,5 +137,5 @@ fn settings_too_long_for_this_firmware_are_damage_too() {
     let flash = Flash::default();
     flash.overwrite(Some(vec![0; 10_000]));
     let bench = Bench::with_flash(flash);
-    assert_eq!(bench.robot.software().settings(), &Settings::DEFAULT);
+    assert_eq!(bench.robot.software().slow.settings(), &Settings::DEFAULT);
 }

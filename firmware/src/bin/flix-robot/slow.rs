@@ -38,9 +38,9 @@ impl<S: SettingsStore> Robot<S> {
         kept: Kept,
         exchange: &'static Shared,
     ) -> Self {
-        slow.set_crash(kept.report(reset.clone()));
-        slow.set_build(blackbox::build());
-        slow.set_reset(reset);
+        slow.link.set_crash(kept.report(reset.clone()));
+        slow.link.set_build(blackbox::build());
+        slow.link.set_reset(reset);
         Self { slow, exchange, printed: None, ticks: 0 }
     }
 
@@ -89,9 +89,9 @@ impl<S: SettingsStore> Station for Robot<S> {
     }
 
     fn exchange(&mut self) {
-        self.slow.set_signal(SIGNAL.lock(Cell::get));
+        self.slow.link.set_signal(SIGNAL.lock(Cell::get));
         self.slow.exchange(&mut self.exchange);
-        if let Some(bytes) = self.slow.keep() {
+        if let Some(bytes) = self.slow.link.keep() {
             blackbox::keep_run(&bytes);
         }
         self.feed();

@@ -41,8 +41,8 @@ impl Counter {
     fn receive(&mut self, name: &str, datagram: &[u8]) -> Frame {
         let mut answer = Frame::new();
         let stopwatch = Stopwatch::start();
-        self.robot.receive(NOW, self.address, core::hint::black_box(datagram));
-        let _ = self.robot.transmit(NOW, &mut answer);
+        self.robot.slow.receive(NOW, self.address, core::hint::black_box(datagram));
+        let _ = self.robot.slow.transmit(NOW, &mut answer);
         let spent = stopwatch.instructions().wrapping_sub(self.overhead);
         println!("datagram {spent} {name}");
         answer

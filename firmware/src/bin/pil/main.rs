@@ -120,7 +120,7 @@ impl Peer {
 /// Does a tick, and keeps eight channels of it for the scope, as the chips do: one function, not spread into the replay.
 #[inline(never)]
 fn tick(control: &mut Control, scope: &mut Scope, row: &Row) -> flix_firmware::hardware::Actuation {
-    let actuation = control.tick(row.now, &row.sensors, &row.order);
+    let actuation = control.tick(row.now, &row.sensors, &row.asked);
     let sample = control.sample(&scope.plan().channels, scope.revision());
     scope.record(&sample);
     actuation

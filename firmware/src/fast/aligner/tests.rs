@@ -332,8 +332,8 @@ fn the_voltage_that_dead_time_takes_is_added() {
         // Along phase A: current into A, and half of it out of B and C each.
         let Bridge::Duty([a, b, _]) = *bridge else { unreachable!("a field") };
         let between = 12.0 * (f64::from(a.raw()) - f64::from(b.raw())) / 65_536.0;
-        let wanted = 1.5 * f64::from(volts.raw()) / 65_536.0 + 2.0 * 0.15;
-        assert!((between - wanted).abs() < 0.02, "{between} V for {wanted} V");
+        let expected = 1.5 * f64::from(volts.raw()) / 65_536.0 + 2.0 * 0.15;
+        assert!((between - expected).abs() < 0.02, "{between} V for {expected} V");
     }
 }
 

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
-use crate::fast::exchange::Order;
+use crate::fast::exchange::Asked;
 use crate::hardware::{
     Actuation, Bridge, CurrentSense, Encoder, EncoderAngle, EncoderReading, Hardware, Sensors,
 };
@@ -141,7 +141,7 @@ fn phases_of([alpha, beta]: [f64; 2]) -> [f64; 3] {
 
 pub(crate) struct Bench {
     pub(crate) control: Control,
-    pub(crate) order: Order,
+    pub(crate) asked: Asked,
     pub(crate) motors: [Motor; 2],
     /// Total mass of a sliding base; `None` is fixed.
     pub(crate) base_mass: Option<f64>,
@@ -178,7 +178,7 @@ impl Bench {
         bottom.offset = -2.0;
         Self {
             control: Control::new(Configuration::new(&settings, &hardware)),
-            order: Order::default(),
+            asked: Asked::default(),
             motors: [Motor::new(1.05), bottom],
             base_mass,
             bus: 12.0,
@@ -217,8 +217,9 @@ impl Bench {
             let back = usize::from(self.encoder_age_us / 10) % 64;
             let angle = self.history[(63 - back) % 64][index];
             let mut wrong = 0.0;
-            for (order, (amplitude, phase)) in self.motors[index].eccentricity.iter().enumerate() {
-                wrong += amplitude * ((order + 1) as f64 * angle + phase).sin();
+            for (harmonic, (amplitude, phase)) in self.motors[index].eccentricity.iter().enumerate()
+            {
+                wrong += amplitude * ((harmonic + 1) as f64 * angle + phase).sin();
             }
             let reading = -(angle + wrong) + self.noise(0.001);
             let turn = (reading / TAU).rem_euclid(1.0);
@@ -264,14 +265,14 @@ impl Bench {
     /// Does one tick through something that calls [`Control::tick`].
     pub(crate) fn tick_with(
         &mut self,
-        tick: impl Fn(&mut Control, Instant, &Sensors, &Order) -> Actuation,
+        tick: impl Fn(&mut Control, Instant, &Sensors, &Asked) -> Actuation,
     ) {
         let sensors = self.sensors();
         let now = Instant::from_micros(self.now_us);
         if self.keep_alive {
-            self.order.hear(now, now + COMMAND_AGE);
+            self.asked.hear(now, now + COMMAND_AGE);
         }
-        self.last = tick(&mut self.control, now, &sensors, &self.order);
+        self.last = tick(&mut self.control, now, &sensors, &self.asked);
         let dt = 1e-4 / f64::from(SUB_STEPS);
         for _ in 0..SUB_STEPS {
             self.step(dt);
@@ -338,16 +339,16 @@ impl Bench {
 
     pub(crate) fn arm(&mut self) {
         self.run(0.05);
-        self.order.requests.arm += 1;
+        self.asked.requests.arm += 1;
         self.until(State::Armed);
     }
 
     pub(crate) fn command(&mut self, frequency: f32, direction: f32) {
         let setpoint =
             Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap());
-        self.order.set(&setpoint.unwrap(), true);
+        self.asked.set(&setpoint.unwrap(), true);
         let now = Instant::from_micros(self.now_us);
-        self.order.hear(now, now + COMMAND_AGE);
+        self.asked.hear(now, now + COMMAND_AGE);
     }
 
     /// Returns true theta minus this, degrees within a quarter turn.

@@ -6,7 +6,7 @@ use crate::board::{BOARDS, Board, Chip, GENERIC_ESP32C6, counts_of_millivolts};
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::fast::control::bench::{Bench, HARDWARE};
-use crate::fast::exchange::Order;
+use crate::fast::exchange::Asked;
 use crate::fast::foc::current::CurrentLoop;
 use crate::fast::supervisor::{Conditions, Supervisor};
 use crate::hardware::{
@@ -155,7 +155,7 @@ fn predicts_where_the_encoder_is_slower_than_the_loop() {
 #[test]
 fn stop_brings_the_rotors_to_rest_together_and_is_latched() {
     let mut bench = running(FREE, 35.0, 30.0);
-    bench.order.requests.stop += 1;
+    bench.asked.requests.stop += 1;
     for _ in 0..3_500 {
         bench.tick();
         if bench.frequency().abs() > 3.0 {
@@ -164,7 +164,7 @@ fn stop_brings_the_rotors_to_rest_together_and_is_latched() {
     }
     assert_eq!(bench.state(), State::Disarmed);
     assert!(bench.fastest() < 0.5);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.run(0.1);
     assert_eq!(bench.state(), State::Disarmed, "the stop is latched");
 }
@@ -174,7 +174,7 @@ fn a_robot_that_restarts_while_its_rotors_spin_brakes_them() {
     let mut bench = running(FREE, 35.0, 30.0);
     let started = Bench::new(FREE);
     bench.control = started.control;
-    bench.order = started.order;
+    bench.asked = started.asked;
     // The tracker knows nothing yet.
     bench.motors[1].encoder_alive = false;
     bench.run(0.5);
@@ -200,7 +200,7 @@ fn a_dead_encoder_is_named_and_nothing_spins() {
     let mut bench = Bench::new(FREE);
     bench.motors[1].encoder_alive = false;
     bench.run(0.05);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::EncoderLost));
 }
@@ -217,7 +217,7 @@ fn goes_wrong(expected: Fault, knowable_s: f64, break_it: impl Fn(&mut Bench)) -
     assert_eq!(report.state, State::Faulted);
     assert!(bench.fastest() < 0.5, "still at {} Hz", bench.fastest());
     assert!(bench.peak_current < 2.0, "{} A", bench.peak_current);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.run(0.1);
     assert_eq!(bench.state(), State::Faulted, "latched");
     bench
@@ -285,7 +285,7 @@ fn a_bus_that_the_converter_does_not_tell_from_a_higher_one_is_over_voltage_what
             let mut bench = Bench::with(FREE, settings, HARDWARE);
             bench.bus = bus;
             bench.run(0.1);
-            bench.order.requests.arm += 1;
+            bench.asked.requests.arm += 1;
             bench.run(0.1);
             let is_high = bench.control.report().faults.contains(Fault::OverVoltage);
             assert_eq!(is_high, !is_told, "{bus} V, {battery_scale}");
@@ -385,12 +385,12 @@ fn a_bus_that_nobody_measures_is_neither_too_low_nor_too_high() {
             phase_current: None,
             bus_voltage: None,
         };
-        let mut order = Order::default();
+        let mut asked = Asked::default();
         for tick in 0..3_000 {
             let now = Instant::from_micros(100 * tick);
-            order.hear(now, now + Duration::from_secs(1));
-            order.requests.arm = u8::from(tick > 100);
-            control.tick(now, &sensors, &order);
+            asked.hear(now, now + Duration::from_secs(1));
+            asked.requests.arm = u8::from(tick > 100);
+            control.tick(now, &sensors, &asked);
         }
         let report = control.report();
         assert_eq!((report.faults, report.events.battery_low), (Faults::NONE, 0));
@@ -448,14 +448,14 @@ fn strict() -> Configuration {
 fn settings_are_taken_over_at_rest_and_not_before() {
     let mut bench = running(FREE, 30.0, 30.0);
     assert!(!bench.control.configure(&strict()), "the motors are driven");
-    bench.order.requests.disarm += 1;
+    bench.asked.requests.disarm += 1;
     bench.until(State::Disarmed);
     bench.arm();
-    bench.order.requests.disarm += 1;
+    bench.asked.requests.disarm += 1;
     bench.until(State::Disarmed);
     bench.run(0.1);
     assert!(bench.control.configure(&strict()));
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::OverVoltage));
 
@@ -471,7 +471,7 @@ fn a_fault_that_the_slow_half_found_is_latched() {
     let mut bench = Bench::new(FREE);
     bench.run(0.05);
     bench.control.raise(Fault::Settings);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.run(0.05);
     let report = bench.control.report();
     assert_eq!((report.state, report.first_fault), (State::Faulted, Some(Fault::Settings)));
@@ -500,7 +500,7 @@ fn frequency_battery_and_share_of_its_voltage_are_reported() {
     let mut at = |bus: f64| {
         bench.bus = bus;
         bench.run(0.3);
-        bench.order.period = bench.order.period.wrapping_add(1);
+        bench.asked.period = bench.asked.period.wrapping_add(1);
         bench.run(0.3);
         let report = bench.control.report();
         let frequency = report.frequency.raw() - Speed::from_hertz(30.0).raw();
@@ -523,7 +523,7 @@ fn an_open_phase_is_named_in_alignment_and_nothing_spins() {
     let mut bench = Bench::new(FREE);
     bench.motors[0].open = true;
     bench.run(0.05);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.until(State::Faulted);
     let first = bench.control.report().first_fault;
     assert!(matches!(first, Some(Fault::Alignment | Fault::CurrentSense)), "{first:?}");
@@ -535,7 +535,7 @@ fn a_missing_magnet_is_named_in_alignment() {
     let mut bench = Bench::new(FREE);
     bench.motors[1].encoder_stuck = Some(EncoderAngle::from_count(77, 12));
     bench.run(0.05);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::Alignment));
 }
@@ -557,7 +557,7 @@ fn a_current_zero_far_off_is_named_in_alignment() {
     let mut bench = Bench::new(FREE);
     bench.sense_offset = 600;
     bench.run(0.05);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::CurrentSense));
 }
@@ -571,7 +571,7 @@ fn aligned_with_misread_gain(current_scale: f32) -> Bench {
     let hardware = Hardware { current_sense: sense, ..HARDWARE };
     let mut bench = Bench::with(FREE, Settings { current_scale, ..Settings::DEFAULT }, hardware);
     bench.run(0.05);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     while matches!(bench.state(), State::Disarmed | State::Aligning) {
         bench.tick();
     }
@@ -602,7 +602,7 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
     remembered.learn(found);
     let mut bench = Bench::with(FREE, remembered, HARDWARE);
     bench.run(0.05);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.run(0.6);
     assert_eq!(bench.state(), State::Armed);
     assert_holds(&mut bench, 30.0, 30.0);
@@ -610,7 +610,7 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
     first = Bench::with(FREE, remembered, HARDWARE);
     first.motors[1].reversed = true;
     first.run(0.05);
-    first.order.requests.arm += 1;
+    first.asked.requests.arm += 1;
     first.until(State::Faulted);
     assert_eq!(first.control.report().first_fault, Some(Fault::Alignment));
 }
@@ -619,10 +619,10 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
 fn a_cleared_fault_arms_again() {
     let mut bench = goes_wrong(Fault::LoopOverrun, 0.001, |bench| bench.now_us += 5_000);
     bench.run(0.5);
-    bench.order.requests.clear += 1;
+    bench.asked.requests.clear += 1;
     bench.run(0.01);
     assert_eq!(bench.state(), State::Disarmed);
-    bench.order.requests.arm += 1;
+    bench.asked.requests.arm += 1;
     bench.until(State::Armed);
 }
 
@@ -630,19 +630,19 @@ fn a_cleared_fault_arms_again() {
 fn a_fault_whose_cause_stays_is_not_cleared() {
     let mut bench = goes_wrong(Fault::OverVoltage, 0.02, |bench| bench.bus = 15.0);
     bench.run(0.5);
-    bench.order.requests.clear += 1;
+    bench.asked.requests.clear += 1;
     bench.run(0.01);
     assert_eq!(bench.control.report().first_fault, Some(Fault::OverVoltage));
     bench.bus = 12.0;
     bench.run(0.1);
-    bench.order.requests.clear += 1;
+    bench.asked.requests.clear += 1;
     bench.run(0.01);
     assert_eq!(bench.state(), State::Disarmed);
 }
 
 /// Returns the state in the tick that falls on this age of the last command.
 fn silent_for(bench: &mut Bench, microseconds: u64) -> (State, bool) {
-    let heard = bench.order.heard.as_micros();
+    let heard = bench.asked.heard.as_micros();
     while bench.now_us <= heard + microseconds {
         bench.tick();
     }
@@ -682,15 +682,15 @@ fn commands_that_come_back_before_the_disarm_go_on() {
 #[test]
 fn encoders_that_see_no_rest_do_not_keep_a_stopped_robot_armed() {
     let mut supervisor = Supervisor::new();
-    let mut order = Order::default();
-    order.requests.arm = 1;
+    let mut asked = Asked::default();
+    asked.requests.arm = 1;
     let conditions =
         Conditions { present: Faults::NONE, at_rest: false, aligned: true, outdated: false };
-    supervisor.update(Instant::START, &order, &conditions);
-    supervisor.update(Instant::START, &order, &conditions);
-    order.requests.disarm = 1;
+    supervisor.update(Instant::START, &asked, &conditions);
+    supervisor.update(Instant::START, &asked, &conditions);
+    asked.requests.disarm = 1;
     let mut update = || {
-        supervisor.update(Instant::START, &order, &conditions);
+        supervisor.update(Instant::START, &asked, &conditions);
         supervisor.state
     };
     let first = update();

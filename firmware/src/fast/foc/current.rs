@@ -82,8 +82,8 @@ pub struct Input {
     pub angle: ElectricalAngle,
     /// Electrical speed.
     pub speed: ElectricalSpeed,
-    /// Wanted: q makes the torque, d only heat.
-    pub wanted: Rotor<Current>,
+    /// What is to flow: q makes the torque, d only heat.
+    pub reference: Rotor<Current>,
 }
 
 /// State of the loop.
@@ -97,7 +97,7 @@ pub struct CurrentLoop {
     has_been_limited: bool,
     /// What of the last tick's wish was not met.
     error: Rotor<Current>,
-    /// What the limit gave beyond what was wanted, where it held.
+    /// What the limit gave beyond the voltage before it, where it held.
     excess: Rotor<Voltage>,
 }
 
@@ -120,7 +120,7 @@ impl CurrentLoop {
     pub fn residual(&self, model: &Model, speed: ElectricalSpeed) -> Rotor<Voltage> {
         let Rotor { d, q } = self.error;
         let missing = |error| volts(error, model.resistance) + model.proportional(error);
-        // d was decoupled from the q current that was wanted, not from the one that flows.
+        // d was decoupled from the reference of q, not from the one that flows.
         let coupling = across(q, multiply_high(speed.raw(), model.reactance));
         let held =
             Rotor { d: self.integral.d + missing(d) - coupling, q: self.integral.q + missing(q) };
@@ -160,17 +160,17 @@ impl CurrentLoop {
             None => (self.current, inverse_clarke(inverse_park(self.current, direction))),
         };
         self.current = current;
-        let error = Rotor { d: input.wanted.d - current.d, q: input.wanted.q - current.q };
-        let wanted = self.demand(model, input, current, error);
-        let voltage = self.limit(wanted, bus, input);
+        let error = Rotor { d: input.reference.d - current.d, q: input.reference.q - current.q };
+        let unlimited = self.unlimited_voltage(model, input, current, error);
+        let voltage = self.limit(unlimited, bus, input);
         self.voltage = voltage;
         if input.phases.is_some() {
             self.error = error;
             self.integral.d = self.integral.d + volts(error.d, model.integral);
             self.integral.q = self.integral.q + volts(error.q, model.integral);
         } else {
-            self.current.d = model.next(current.d, error.d, voltage.d - wanted.d);
-            self.current.q = model.next(current.q, error.q, voltage.q - wanted.q);
+            self.current.d = model.next(current.d, error.d, voltage.d - unlimited.d);
+            self.current.q = model.next(current.q, error.q, voltage.q - unlimited.q);
         }
 
         // What is beyond a turn goes, as in every angle.
@@ -187,50 +187,50 @@ impl CurrentLoop {
 
     /// Returns the voltage before limiting.
     #[inline(always)]
-    fn demand(
+    fn unlimited_voltage(
         &self,
         model: &Model,
         input: &Input,
         current: Rotor<Current>,
         error: Rotor<Current>,
     ) -> Rotor<Voltage> {
-        let (speed, wanted) = (input.speed.raw(), input.wanted);
-        // d couples to q by what is wanted, where that is not known better, and q to d by what is: that d is most often zero.
-        let coupled = if input.phases.is_some() { wanted.q } else { current.q };
+        let (speed, reference) = (input.speed.raw(), input.reference);
+        // d couples to q by the reference, where the current is not known better, and q to d by what flows: that d is most often zero.
+        let coupled = if input.phases.is_some() { reference.q } else { current.q };
         let reactance = multiply_high(speed, model.reactance);
         let back_emf = Voltage::from_raw(multiply_high(speed, model.back_emf));
         Rotor {
-            d: model.proportional(error.d) + self.integral.d + volts(wanted.d, model.resistance)
+            d: model.proportional(error.d) + self.integral.d + volts(reference.d, model.resistance)
                 - across(coupled, reactance),
             q: model.proportional(error.q)
                 + self.integral.q
-                + volts(wanted.q, model.resistance)
+                + volts(reference.q, model.resistance)
                 + across(current.d, reactance)
                 + back_emf,
         }
     }
 
-    /// Returns the voltage nearest to what is wanted that the bridge can give: d gets up to half of
-    /// the limit, q the rest, `sqrt(limit^2 - d^2)`. Where currents are measured, what was wanted beyond
+    /// Returns the voltage nearest to this one that the bridge can give: d gets up to half of
+    /// the limit, q the rest, `sqrt(limit^2 - d^2)`. Where currents are measured, what is beyond
     /// it is taken back from the integrals within a few ticks, so that they stay bounded.
     #[inline(always)]
-    fn limit(&mut self, wanted: Rotor<Voltage>, bus: &Bus, input: &Input) -> Rotor<Voltage> {
+    fn limit(&mut self, voltage: Rotor<Voltage>, bus: &Bus, input: &Input) -> Rotor<Voltage> {
         // Most often neither is near its limit: d within a quarter leaves q at least 0.968.
         let near = |value: Voltage, bound: i32| {
             value.raw().wrapping_add(bound) as u32 <= (bound as u32).wrapping_mul(2)
         };
         self.limited = false;
-        if near(wanted.d, bus.limit_d.raw() >> 1) && near(wanted.q, bus.limit_q.raw()) {
-            return wanted;
+        if near(voltage.d, bus.limit_d.raw() >> 1) && near(voltage.q, bus.limit_q.raw()) {
+            return voltage;
         }
         core::hint::cold_path();
-        let given = circle(wanted, bus);
-        self.limited = given != wanted;
+        let given = circle(voltage, bus);
+        self.limited = given != voltage;
         self.has_been_limited |= self.limited;
         if input.phases.is_none() {
             return given;
         }
-        let excess = Rotor { d: given.d - wanted.d, q: given.q - wanted.q };
+        let excess = Rotor { d: given.d - voltage.d, q: given.q - voltage.q };
         self.excess = excess;
         let share = |excess: Voltage| Voltage::from_raw(excess.raw() >> BACK_CALCULATION_SHIFT);
         self.integral.d = self.integral.d + share(excess.d);
@@ -252,8 +252,8 @@ pub(crate) const fn across(current: Current, reactance: i32) -> Voltage {
 }
 
 /// Returns d within half of the limit, q within what that leaves.
-const fn circle(wanted: Rotor<Voltage>, bus: &Bus) -> Rotor<Voltage> {
-    let d = wanted.d.within(bus.limit_d);
+const fn circle(voltage: Rotor<Voltage>, bus: &Bus) -> Rotor<Voltage> {
+    let d = voltage.d.within(bus.limit_d);
     // sqrt(1 - y) = 1 - y/2 - y^2/8 - y^3/16, wrong by at most 2e-4 for y up to 1/4; in 2^-15.
     let share = multiply_high(shifted(d.raw(), 8), bus.reciprocal_limit);
     let y = share.wrapping_mul(share) >> 15;
@@ -261,7 +261,7 @@ const fn circle(wanted: Rotor<Voltage>, bus: &Bus) -> Rotor<Voltage> {
     let y_cubed = y_squared.wrapping_mul(y) >> 15;
     let root = (1 << 15) - (y >> 1) - (y_squared >> 3) - (y_cubed >> 4);
     let room = multiply_high(bus.limit.raw() << 2, root << 15);
-    Rotor { d, q: Voltage::from_raw(within(wanted.q.raw(), room)) }
+    Rotor { d, q: Voltage::from_raw(within(voltage.q.raw(), room)) }
 }
 
 #[cfg(test)]
@@ -278,8 +278,8 @@ mod tests {
     const SPEED: ElectricalSpeed = ElectricalSpeed::from_raw(245 * 429_497);
 
     fn input(phases: Option<[Current; 2]>) -> Input {
-        let wanted = Rotor { d: Current::ZERO, q: Current::from_amperes(1.5) };
-        Input { phases, angle: ElectricalAngle::from_raw(0), speed: SPEED, wanted }
+        let reference = Rotor { d: Current::ZERO, q: Current::from_amperes(1.5) };
+        Input { phases, angle: ElectricalAngle::from_raw(0), speed: SPEED, reference }
     }
 
     /// Does ten thousand ticks at a bus voltage and returns the loop.
@@ -312,22 +312,22 @@ mod tests {
                 let end = |bit: u32| if case >> bit & 1 == 0 { 1.0 } else { -1.0 };
                 let speed = fastest(&settings) / 2 * (1 + end(0) as i32) - fastest(&settings) / 2;
                 let omega = f64::from(speed) / 4_294_967_296.0 * TAU * 1e4;
-                let wanted = [limit * end(1), limit * end(2)];
+                let reference = [limit * end(1), limit * end(2)];
                 let [d, q] = [30.0 * end(3), 30.0 * end(4)];
                 let current = Rotor { d: amperes(d), q: amperes(q) };
-                let error = Rotor { d: amperes(wanted[0] - d), q: amperes(wanted[1] - q) };
+                let error = Rotor { d: amperes(reference[0] - d), q: amperes(reference[1] - q) };
                 let input = Input {
                     phases: Some([Current::ZERO; 2]),
                     angle: ElectricalAngle::ZERO,
                     speed: ElectricalSpeed::from_raw(speed),
-                    wanted: Rotor { d: amperes(wanted[0]), q: amperes(wanted[1]) },
+                    reference: Rotor { d: amperes(reference[0]), q: amperes(reference[1]) },
                 };
-                let have = CurrentLoop::default().demand(&model, &input, current, error);
+                let have = CurrentLoop::default().unlimited_voltage(&model, &input, current, error);
                 let want = [
-                    gain * (wanted[0] - d) + resistance * wanted[0]
-                        - omega * inductance * wanted[1],
-                    gain * (wanted[1] - q)
-                        + resistance * wanted[1]
+                    gain * (reference[0] - d) + resistance * reference[0]
+                        - omega * inductance * reference[1],
+                    gain * (reference[1] - q)
+                        + resistance * reference[1]
                         + omega * (inductance * d + flux),
                 ];
                 let size =
@@ -359,7 +359,7 @@ mod tests {
                     phases: Some([Current::ZERO; 2]),
                     angle: ElectricalAngle::ZERO,
                     speed: ElectricalSpeed::from_raw(speed),
-                    wanted: Rotor::default(),
+                    reference: Rotor::default(),
                 };
                 let duties = CurrentLoop::default().update(&model, &bus, &input);
                 let [a, b, c] = duties.map(|duty| f64::from(duty.raw()) / 65_536.0 * 12.0);
@@ -393,7 +393,7 @@ mod tests {
                     phases: None,
                     angle: ElectricalAngle::ZERO,
                     speed: ElectricalSpeed::from_raw(speed),
-                    wanted: Rotor { d: Current::ZERO, q },
+                    reference: Rotor { d: Current::ZERO, q },
                 };
                 let omega = f64::from(speed) / 4_294_967_296.0 * TAU * 1e4;
                 let mut current_loop = CurrentLoop::default();
@@ -428,11 +428,11 @@ mod tests {
         let settings = Settings { phase_inductance: [10.0; 2], ..Settings::DEFAULT };
         let model = Configuration::current_loop(&settings, &DENGFOC_V3_01.hardware, 0);
         let bus = Bus::new(Voltage::from_volts(24.0), 0);
-        let wanted = Rotor { d: Current::ZERO, q: Current::from_amperes(0.1) };
+        let reference = Rotor { d: Current::ZERO, q: Current::from_amperes(0.1) };
         let (mut current_loop, mut flows) = (CurrentLoop::default(), 0.0);
         for _ in 0..10 {
             let (angle, speed) = (ElectricalAngle::ZERO, ElectricalSpeed::ZERO);
-            current_loop.update(&model, &bus, &Input { phases: None, angle, speed, wanted });
+            current_loop.update(&model, &bus, &Input { phases: None, angle, speed, reference });
             let volts = f64::from(current_loop.voltage().q.raw()) / 65_536.0;
             flows += (volts - f64::from(settings.phase_resistance[0]) * flows) / 10e-3 * 1e-4;
         }
@@ -446,11 +446,11 @@ mod tests {
         let model = Configuration::current_loop(&Settings::DEFAULT, &DENGFOC_V3_01.hardware, 0);
         let bus = Bus::new(Voltage::from_volts(12.0), 0);
         let update = |current_loop: &mut CurrentLoop, q: f64| {
-            let wanted = Rotor { d: Current::ZERO, q: Current::from_amperes(q) };
+            let reference = Rotor { d: Current::ZERO, q: Current::from_amperes(q) };
             let still = ElectricalSpeed::ZERO;
             let phases = Some([Current::ZERO; 2]);
             let angle = ElectricalAngle::ZERO;
-            current_loop.update(&model, &bus, &Input { phases, angle, speed: still, wanted });
+            current_loop.update(&model, &bus, &Input { phases, angle, speed: still, reference });
         };
         update(&mut current_loop, 5.0);
         assert!(current_loop.limited());

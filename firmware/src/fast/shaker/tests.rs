@@ -41,7 +41,7 @@ struct Rig {
     speeds: [f64; 2],
     disturbance: Disturbance,
     voltage_limited: bool,
-    demand: Demand,
+    torques: Torques,
 }
 
 impl Rig {
@@ -57,7 +57,7 @@ impl Rig {
             speeds: [0.0; 2],
             disturbance: Disturbance::default(),
             voltage_limited: false,
-            demand: Demand { currents: [Current::ZERO; 2], speed_changes: [Speed::ZERO; 2] },
+            torques: Torques { currents: [Current::ZERO; 2], speed_changes: [Speed::ZERO; 2] },
         };
         rig.shaker = Shaker::at_rest(&rig.rotors());
         rig
@@ -88,9 +88,9 @@ impl Rig {
     }
 
     fn update(&mut self, frequency: Speed, direction: Option<RotorAngle>) {
-        let target = Target { frequency, direction };
+        let setpoint = Setpoint { frequency, direction };
         let rotors = self.rotors();
-        self.demand = self.shaker.update(&self.model, &rotors, &target, self.voltage_limited);
+        self.torques = self.shaker.update(&self.model, &rotors, &setpoint, self.voltage_limited);
         for _ in 0..STRIDE {
             let phase = (self.angles[0] - self.angles[1]) / 2.0 / TURN * TAU;
             let Disturbance { harmonic, sum, difference, normal } = self.disturbance;
@@ -100,7 +100,7 @@ impl Rig {
                 if normal > 0.0 { (now / f64::from(hertz(normal).raw())).powi(2) } else { 1.0 };
             let along = |[c, s]: [f64; 2]| scale * (c * cosine + s * sine);
             for (motor, sign) in [(0, 1.0), (1, -1.0)] {
-                let driven = f64::from(self.demand.currents[motor].raw()) / self.gain(motor);
+                let driven = f64::from(self.torques.currents[motor].raw()) / self.gain(motor);
                 let coordinate = along(sum) + sign * along(difference);
                 self.speeds[motor] += (driven + coordinate) / 2.0 / 256.0;
                 self.angles[motor] += self.speeds[motor];
@@ -266,13 +266,13 @@ fn a_stop_that_is_taken_back_turns_f_round_within_2_hz_however_slow_the_ramps_ar
 
 #[test]
 fn f_ramps_as_steeply_as_is_set_and_no_steeper_and_the_rotors_follow_without_error() {
-    for target in [30.0, -30.0] {
+    for setpoint in [30.0, -30.0] {
         let mut rig = Rig::at_rest();
         let ramp = f64::from(rig.model.ramps.frequency);
         let (mut before, mut steepest, mut slope_before) = (0, 0, 0);
         let updates = (hertz(30.0).raw() / (rig.model.ramps.frequency * STEP)) as usize;
         for update in 0..updates + 400 {
-            rig.update(hertz(target), None);
+            rig.update(hertz(setpoint), None);
             rig.drives_nothing_back();
             let f = rig.shaker.reference.frequency.raw();
             let slope = (f - before) / STEP;
@@ -280,7 +280,7 @@ fn f_ramps_as_steeply_as_is_set_and_no_steeper_and_the_rotors_follow_without_err
             let build_up = (slope - slope_before).abs();
             assert!(
                 build_up <= rig.model.ramps.frequency / SLOPE_UPDATES + 1
-                    || f == hertz(target).raw(),
+                    || f == hertz(setpoint).raw(),
                 "{build_up}"
             );
             (before, slope_before) = (f, slope);
@@ -289,12 +289,12 @@ fn f_ramps_as_steeply_as_is_set_and_no_steeper_and_the_rotors_follow_without_err
                 assert!(f64::from(error).abs() < DEGREE, "{} degrees", f64::from(error) / DEGREE);
             }
             for motor in [0, 1] {
-                let change = f64::from(rig.demand.speed_changes[motor].raw());
+                let change = f64::from(rig.torques.speed_changes[motor].raw());
                 assert!(change.abs() <= ramp * f64::from(STEP) + 1.0, "{change}");
             }
         }
         assert!((f64::from(steepest) - ramp).abs() <= 1.0, "{steepest} of {ramp}");
-        assert_eq!(rig.shaker.reference.frequency, hertz(target));
+        assert_eq!(rig.shaker.reference.frequency, hertz(setpoint));
         assert!(!rig.shaker.limited() && !rig.shaker.slipping());
     }
 }
@@ -306,14 +306,14 @@ fn what_is_announced_of_the_rotors_speeds_is_what_the_references_do() {
     for _ in 0..UPDATES_PER_S {
         rig.update(hertz(25.0), Some(degrees(60.0)));
         rig.drives_nothing_back();
-        for (sum, change) in announced.iter_mut().zip(rig.demand.speed_changes) {
+        for (sum, change) in announced.iter_mut().zip(rig.torques.speed_changes) {
             *sum += f64::from(change.raw());
         }
         turned = f64::from(rig.shaker.reference.sum_speed.raw());
     }
     let f = f64::from(rig.shaker.reference.frequency.raw());
-    let wanted = [f + turned / 2.0, turned / 2.0 - f];
-    for (have, want) in announced.iter().zip(wanted) {
+    let expected = [f + turned / 2.0, turned / 2.0 - f];
+    for (have, want) in announced.iter().zip(expected) {
         assert!((have - want).abs() < 2_000.0, "{have} for {want}");
     }
 }
@@ -423,7 +423,7 @@ fn currents_on_a_base(frequency: f64, size: f64) -> [f64; 2] {
         for _ in 0..turn {
             rig.update(hertz(frequency), None);
             sum += rig
-                .demand
+                .torques
                 .currents
                 .map(|it| (f64::from(it.raw()) / 65_536.0).powi(2))
                 .iter()
@@ -615,7 +615,7 @@ fn theta_gets_three_quarters_of_what_the_motors_can_and_f_the_rest() {
         }
         rig.update(Speed::ZERO, None);
         let [top, bottom] =
-            [0, 1].map(|motor| f64::from(rig.demand.currents[motor].raw()) / rig.gain(motor));
+            [0, 1].map(|motor| f64::from(rig.torques.currents[motor].raw()) / rig.gain(motor));
         let bound = f64::from(rig.model.largest_acceleration);
         let share = |acceleration: f64| (acceleration / 2.0 / bound * 100.0).round();
         (share(top + bottom), share(top - bottom), rig.shaker.limited())

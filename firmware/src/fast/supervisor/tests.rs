@@ -14,7 +14,7 @@ const LONG: usize = 70_000;
 #[derive(Clone)]
 struct Desk {
     supervisor: Supervisor,
-    order: Order,
+    asked: Asked,
     present: Faults,
     at_rest: bool,
     aligned: bool,
@@ -23,15 +23,15 @@ struct Desk {
 
 impl Desk {
     fn disarmed() -> Self {
-        let mut order = Order::default();
-        order.hear(Instant::START, Instant::from_micros(u64::MAX));
+        let mut asked = Asked::default();
+        asked.hear(Instant::START, Instant::from_micros(u64::MAX));
         let (supervisor, present) = (Supervisor::new(), Faults::NONE);
-        Self { supervisor, order, present, at_rest: false, aligned: false, outdated: false }
+        Self { supervisor, asked, present, at_rest: false, aligned: false, outdated: false }
     }
 
     fn aligning() -> Self {
         let mut desk = Self::disarmed();
-        desk.order.requests.arm += 1;
+        desk.asked.requests.arm += 1;
         desk.tick();
         desk
     }
@@ -46,8 +46,8 @@ impl Desk {
 
     fn running() -> Self {
         let mut desk = Self::armed();
-        desk.order.wanted += 1;
-        desk.order.frequency = TEN_HERTZ;
+        desk.asked.anew += 1;
+        desk.asked.frequency = TEN_HERTZ;
         assert_eq!((desk.tick(), desk.state()), (Drive::Shake(TEN_HERTZ, true), State::Running));
         desk
     }
@@ -69,7 +69,7 @@ impl Desk {
     fn after(&mut self, silence: Duration) -> Drive {
         let Self { present, at_rest, aligned, outdated, .. } = *self;
         let conditions = Conditions { present, at_rest, aligned, outdated };
-        self.supervisor.update(self.order.heard + silence, &self.order, &conditions)
+        self.supervisor.update(self.asked.heard + silence, &self.asked, &conditions)
     }
 
     /// What it does from here on: each drive, and for how many ticks.
@@ -88,7 +88,7 @@ impl Desk {
 
 /// What is asked for in one tick.
 fn ask(desk: &mut Desk, [arm, disarm, stop, clear]: [u8; 4]) -> Drive {
-    let asked = &mut desk.order.requests;
+    let asked = &mut desk.asked.requests;
     asked.arm += arm;
     asked.disarm += disarm;
     asked.stop += stop;
@@ -176,13 +176,13 @@ fn a_command_counts_up_to_the_moment_at_which_it_expires() {
         [(life, State::Running, false), (life + MICROSECOND, State::Stopping, true)]
     {
         let mut desk = Desk::running();
-        desk.order.expires = desk.order.heard + life;
+        desk.asked.expires = desk.asked.heard + life;
         desk.after(age);
         let events = &desk.supervisor.events;
         assert_eq!((events.command_age, events.command_deadline), (u8::from(late), 0));
         assert_eq!((desk.state(), desk.supervisor.link_late), (state, late));
-        desk.order.frequency = Speed::ZERO;
-        let mut desk = Desk { order: desk.order, ..Desk::armed() };
+        desk.asked.frequency = Speed::ZERO;
+        let mut desk = Desk { asked: desk.asked, ..Desk::armed() };
         desk.after(age);
         assert_eq!((desk.state(), desk.supervisor.link_late), (State::Armed, late));
     }
@@ -239,11 +239,11 @@ fn arming_wants_a_fresh_command_and_neither_a_stop_nor_a_fault() {
     let arm = |change: fn(&mut Desk), silence: Duration| {
         let mut desk = Desk::disarmed();
         change(&mut desk);
-        desk.order.requests.arm += 1;
+        desk.asked.requests.arm += 1;
         desk.after(silence);
         desk.state()
     };
-    let expires = |desk: &mut Desk| desk.order.expires = desk.order.heard + MICROSECOND;
+    let expires = |desk: &mut Desk| desk.asked.expires = desk.asked.heard + MICROSECOND;
     let stop = |desk: &mut Desk| {
         ask(desk, STOP);
     };
@@ -263,7 +263,7 @@ fn requests_of_one_tick_are_obeyed_on_the_safe_side() {
         desk.at_rest = true;
         ask(&mut desk, request);
         let EventCounters { stopped, cleared, .. } = desk.supervisor.events;
-        assert_eq!(desk.supervisor.obeyed, desk.order.requests);
+        assert_eq!(desk.supervisor.obeyed, desk.asked.requests);
         (desk.state(), desk.supervisor.stopped, [stopped, cleared])
     };
     let stopped = || {
@@ -310,8 +310,8 @@ fn rotors_turn_only_for_a_setpoint_that_came_after_arming_and_in_time() {
         (1, TEN_HERTZ, LINK_LATE - MICROSECOND, State::Running),
     ] {
         let mut desk = Desk::armed();
-        desk.order.wanted += new;
-        desk.order.frequency = frequency;
+        desk.asked.anew += new;
+        desk.asked.frequency = frequency;
         desk.after(silence);
         assert_eq!(desk.state(), state, "{new} {frequency:?} {silence:?}");
     }
@@ -321,7 +321,7 @@ fn rotors_turn_only_for_a_setpoint_that_came_after_arming_and_in_time() {
         (TEN_HERTZ, true, State::Running),
     ] {
         let mut desk = Desk::running();
-        (desk.order.frequency, desk.at_rest) = (frequency, at_rest);
+        (desk.asked.frequency, desk.at_rest) = (frequency, at_rest);
         assert_eq!(desk.tick(), Drive::Shake(frequency, true));
         assert_eq!(desk.state(), state);
     }
@@ -343,7 +343,7 @@ fn rotors_that_stand_because_commands_stayed_away_turn_again_only_when_a_person_
     assert_eq!(desk.state(), State::Armed);
     desk.after(Duration::ZERO);
     assert_eq!(desk.state(), State::Armed, "the same commands are back");
-    desk.order.wanted += 1;
+    desk.asked.anew += 1;
     desk.after(Duration::ZERO);
     assert_eq!(desk.state(), State::Running);
 }
@@ -379,7 +379,7 @@ fn every_way_to_rest_takes_its_time() {
     let brake = usize::from(BRAKE_TICKS);
     let disarming = |at_rest| {
         let mut desk = Desk::running();
-        desk.order.requests.disarm += 1;
+        desk.asked.requests.disarm += 1;
         desk.at_rest = at_rest;
         desk
     };

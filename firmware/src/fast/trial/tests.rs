@@ -15,8 +15,8 @@ fn at_trial(resistance: f64, inductance: f64, trial: Trial) -> Bench {
     }
     bench.run(0.05);
     bench.peak_current = 0.0;
-    bench.order.trial = Some(trial);
-    bench.order.requests.trial += 1;
+    bench.asked.trial = Some(trial);
+    bench.asked.requests.trial += 1;
     bench.until(State::Aligning);
     bench
 }
@@ -115,8 +115,8 @@ fn a_rotor_that_swings_to_the_field_hides_the_current_for_a_while() {
             motor.angle += core::f64::consts::TAU * f64::from(turns) / 98.0;
         }
         bench.run(0.05);
-        bench.order.trial = Some(Trial { current_ma: 300, ..HALVE });
-        bench.order.requests.trial += 1;
+        bench.asked.trial = Some(Trial { current_ma: 300, ..HALVE });
+        bench.asked.requests.trial += 1;
         bench.until(State::Aligning);
         to_pattern(&mut bench);
     }
@@ -151,7 +151,7 @@ fn a_stop_and_a_silent_operator_end_a_trial_at_any_stage() {
             bench.run(f64::from(ticks) * 1e-4);
             assert_eq!(bench.state(), State::Aligning, "{ticks}");
             if stop {
-                bench.order.requests.stop += 1;
+                bench.asked.requests.stop += 1;
             } else {
                 bench.keep_alive = false;
             }
@@ -168,7 +168,7 @@ fn a_trial_is_not_begun_while_armed_and_a_robot_arms_as_ever_after_it() {
     let mut bench = at_trial(2.5, 1e-3, HALVE);
     bench.until(State::Disarmed);
     bench.arm();
-    bench.order.requests.trial += 1;
+    bench.asked.requests.trial += 1;
     bench.run(0.1);
     assert_eq!(bench.state(), State::Armed);
 }

@@ -80,7 +80,7 @@ struct Divergence {
 impl Divergence {
     fn between(attacked: &Operation<Plant>, calm: &Operation<Plant>) -> Self {
         let (attacked, calm) = (&attacked.robot, &calm.robot);
-        let obeyed = attacked.software().order() != calm.software().order()
+        let obeyed = attacked.software().slow.link.asked() != calm.software().slow.link.asked()
             || attacked.operator() != calm.operator()
             || attacked.report().state != calm.report().state;
         let moved = attacked.truth() != calm.truth();

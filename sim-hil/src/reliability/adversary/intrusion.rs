@@ -197,7 +197,7 @@ impl Station for OnNetwork<'_> {
     }
     fn poll_at(&self) -> Option<Instant> {
         let robot = self.0.borrow();
-        robot.software().poll_at(robot.now())
+        robot.software().slow.poll_at(robot.now())
     }
 }
 

@@ -181,7 +181,7 @@ impl Watch {
         breakage: Option<(HardwareFault, Instant)>,
         account: &mut Account,
     ) -> bool {
-        let settings = operation.robot.software().settings();
+        let settings = operation.robot.software().slow.settings();
         let current = truth.largest_current();
         if self.now > self.unsound_until {
             account.largest_current = account.largest_current.max(current);
