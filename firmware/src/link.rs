@@ -104,7 +104,7 @@ pub struct Link {
     session: RobotSession,
     identity: Identity,
     black_box: BlackBox,
-    /// What carries it.
+    /// What the board measures and can do.
     hardware: Hardware,
     signal_dbm: Option<i8>,
     asked: Asked,
@@ -147,7 +147,8 @@ pub struct Link {
 }
 
 impl Link {
-    /// Starts with nobody connected. Without operators everybody is refused; without `bridges` every trial.
+    /// Starts with nobody connected. Without operators everybody is refused, without a current sense
+    /// every trial.
     ///
     /// `report` is the fast half's first. `entropy` comes from a hardware random source, fresh at
     /// every start.
@@ -487,7 +488,7 @@ impl Link {
         if !is_old {
             self.changed = Some(request);
         }
-        is_old && !matches!(command, Command::Stop | Command::Disarm)
+        is_old && !command.is_always_safe()
     }
 
     /// Returns whether something waits for the scope.
@@ -545,7 +546,7 @@ impl Link {
             self.is_slow = true;
             self.events.push(now, Event::CommandsLate { age_ms, limit_ms });
         }
-        if command.is_question() || matches!(command, Command::Stop | Command::Disarm) {
+        if command.is_question() || command.is_always_safe() {
             return Ok(());
         }
         Err(Refusal::Late { age_ms, limit_ms })

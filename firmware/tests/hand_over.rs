@@ -233,9 +233,9 @@ fn a_configuration_that_comes_while_the_motors_are_driven_waits_until_they_are_n
     halves.live(3_000);
     assert!(is_driven(&halves.actuation));
     // Past the link, which lets none pass by now.
-    let order = halves.exchange.take(|_| false);
+    let asked = halves.exchange.take(|_| false);
     let configuration = Configuration::new(halves.slow.settings(), &DENGFOC_V3_01.hardware);
-    halves.exchange.ask(order, Some(&configuration));
+    halves.exchange.ask(asked, Some(&configuration));
     let mut seen = Vec::new();
     for _ in 0..100 {
         halves.tick(1);

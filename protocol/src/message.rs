@@ -90,6 +90,12 @@ impl Command {
                 | Self::Scope(ScopeCommand::Status | ScopeCommand::Read(_))
         )
     }
+
+    /// Returns whether it counts at any age and in any order: it only brings the rotors to rest.
+    #[must_use]
+    pub const fn is_always_safe(&self) -> bool {
+        matches!(self, Self::Stop | Self::Disarm)
+    }
 }
 
 /// A command with its request number, as sent.

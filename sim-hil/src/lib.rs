@@ -1,7 +1,7 @@
 #![forbid(unsafe_code)]
 //! A simulated Flix-Walker under the robot's own software.
 //!
-//! The firmware that flies ([`flix_firmware::robot::Robot`]) and the client that drives ([`flix_host::link::Client`])
+//! The robot's own firmware ([`flix_firmware::robot::Robot`]) and the client that drives ([`flix_host::link::Client`])
 //! run here unchanged; motors, bridges, battery, sensors, body, legs, floor, network and cameras are simulated. Time is
 //! virtual, and everything random comes from seeds: the same call gives the same bits.
 //!

@@ -22,7 +22,7 @@ use crate::alignment::Alignment;
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Stator, clarke, inverse_clarke, park};
-use crate::fast::still::{REST_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
+use crate::fast::still::{LONGEST_REST_WAIT_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
 use crate::fast::tracker::{Tracker, harmonic_factors};
 use crate::hardware::Bridge;
 use crate::units::{
@@ -191,7 +191,7 @@ impl Aligner {
     fn rest(&mut self, observation: &Observation<'_>) -> Progress {
         if self.stillness.look(observation.trackers) {
             self.enter(Stage::Zero);
-        } else if self.tick >= REST_TICKS {
+        } else if self.tick >= LONGEST_REST_WAIT_TICKS {
             return Progress::Failed(Fault::Alignment);
         }
         Progress::Busy
@@ -222,9 +222,9 @@ impl Aligner {
         if self.tick == 0 {
             let given = multiply_high(observation.bus.limit.raw() << 1, SUPPLY_SHARE);
             for (index, motor) in self.motors.iter_mut().enumerate() {
-                let full = configuration.alignment_voltage[index % 2].raw();
-                motor.share = if full > given {
-                    ((i64::from(given) << 30) / i64::from(full.max(1))) as i32
+                let needed = configuration.alignment_voltage[index % 2].raw();
+                motor.share = if needed > given {
+                    ((i64::from(given) << 30) / i64::from(needed.max(1))) as i32
                 } else {
                     WHOLE
                 };

@@ -96,19 +96,20 @@ pub struct Control {
     /// What the amplifiers show at no current, and the current beyond which a phase is an over-current.
     zeros: [[Counts; 2]; 2],
     over_current: [Current; 2],
-    /// The latter is still that of other zeros or settings.
+    /// Whether `over_current` still has to follow new zeros or settings.
     is_range_new: bool,
     /// Currents of phases A and B.
     currents: [[Current; 2]; 2],
     references: [Rotor<Current>; 2],
     headroom: Headroom,
-    /// Setpoint of f.
+    /// f that is asked for, before the ceiling of the voltage lowers it.
     setpoint: Speed,
     monitor: Monitor,
     /// Faults of the last diagnosis.
     present: Faults,
     at_rest: bool,
-    aligned: bool,
+    /// Whether alignment, or a trial, has just ended well.
+    finished: bool,
     /// Whether a configuration waits that was not taken yet.
     outdated: bool,
     /// A fault that alignment found, for the next tick.
@@ -151,7 +152,7 @@ impl Control {
             monitor: Monitor::default(),
             present: Faults::NONE,
             at_rest: false,
-            aligned: false,
+            finished: false,
             outdated: false,
             misaligned: Faults::NONE,
             still: 0,
@@ -233,7 +234,7 @@ impl Control {
         let conditions = Conditions {
             present,
             at_rest: self.at_rest,
-            aligned: core::mem::take(&mut self.aligned),
+            finished: core::mem::take(&mut self.finished),
             outdated: core::mem::take(&mut self.outdated),
         };
         match self.supervisor.update(now, asked, &conditions) {
@@ -336,18 +337,18 @@ impl Control {
             Channel::BottomSpeed => speed(rotors.speeds[1]),
             Channel::Frequency => speed(rotors.frequency()),
             Channel::WantedFrequency => {
-                speed(self.reference().map_or(Speed::ZERO, Shaker::frequency))
+                speed(self.driving_shaker().map_or(Speed::ZERO, Shaker::frequency))
             }
             Channel::Theta => angle(rotors.direction()),
             // Of twice theta, behind: half of it, ahead.
-            Channel::ThetaError => self.reference().map_or(0, |it| -(it.sum_error() >> 17)),
+            Channel::ThetaError => self.driving_shaker().map_or(0, |it| -(it.sum_error() >> 17)),
             Channel::Bus => voltage(self.bus_voltage),
         }
     }
 
     /// Returns the shaker while it drives.
     #[inline]
-    fn reference(&self) -> Option<&Shaker> {
+    fn driving_shaker(&self) -> Option<&Shaker> {
         matches!(self.activity, Activity::Shaking).then_some(&self.shaker)
     }
 
@@ -466,7 +467,7 @@ impl Control {
         let misaligned = core::mem::take(&mut self.misaligned);
         self.present = self.monitor.faults(misaligned, &observation);
         let rotating = Speed::from_raw(self.frequency >> FREQUENCY_FILTER_SHIFT);
-        let held_back = self.reference().is_some_and(|it| {
+        let held_back = self.driving_shaker().is_some_and(|it| {
             let ramps = &self.configuration.shaker.ramps;
             it.held_back(ramps, asked.frequency, rotating) || self.headroom.limits(self.setpoint)
         });
@@ -604,7 +605,7 @@ impl Control {
         Rotor { d: burning.max(begins).min(weakening), q }
     }
 
-    /// Drives one motor: from its reference of current to its bridge.
+    /// Drives one motor: from its current reference to its bridge.
     #[inline(always)]
     fn drive(&mut self, index: usize, angle: RotorAngle, speed: Speed) -> Bridge {
         let configuration = &self.configuration;
@@ -654,7 +655,7 @@ impl Control {
                     self.configuration.aligned = true;
                     self.activity = Activity::Tabulating(0);
                 } else {
-                    self.aligned = true;
+                    self.finished = true;
                 }
             }
         }
@@ -693,7 +694,7 @@ impl Control {
         match progress {
             Progress::Busy => {}
             Progress::Failed(fault) => self.misaligned = Faults::NONE.with(fault),
-            Progress::Done => self.aligned = true,
+            Progress::Done => self.finished = true,
         }
         Actuation { bridges }
     }
@@ -720,7 +721,7 @@ impl Control {
             self.activity = Activity::Tabulating(entry + 1);
         } else {
             self.activity = Activity::Idle;
-            self.aligned = true;
+            self.finished = true;
             self.alignments = self.alignments.wrapping_add(1);
         }
         Actuation { bridges: [Bridge::BRAKE; 2] }

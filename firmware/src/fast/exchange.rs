@@ -8,7 +8,7 @@
 //! ```
 //!
 //! - Whole values cross, and the newest of each kind wins: neither half ever waits for the other.
-//! - What must not be lost when a value is overwritten crosses as a wrapping counter: requests in the
+//! - What must not be lost when a value is overwritten crosses as a wrapping counter: requests in
 //!   [`Asked`], events in the [`Report`].
 //! - A [`Configuration`] waits until the fast half takes it, which it does only while the motors are
 //!   not driven. It drives none while one waits.
@@ -104,13 +104,13 @@ pub struct EventCounters {
     pub cleared: u8,
     /// A stop was latched.
     pub stopped: u8,
-    /// No valid command for the first step of the ladder.
+    /// No valid command for [`LINK_LATE`](flix_protocol::failsafe::LINK_LATE).
     pub link_late: u8,
-    /// For the second: ramping down.
+    /// None for [`COMMAND_DEADLINE`](flix_protocol::failsafe::COMMAND_DEADLINE): ramping down.
     pub command_deadline: u8,
     /// The newest command became too old while others still arrived in time: ramping down.
     pub command_age: u8,
-    /// For the third: disarmed.
+    /// None for [`LINK_LOST`](flix_protocol::failsafe::LINK_LOST): disarmed.
     pub link_lost: u8,
     /// The battery fell below its warning threshold.
     pub battery_low: u8,

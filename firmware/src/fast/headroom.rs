@@ -61,22 +61,22 @@ pub(crate) struct Look<'a> {
     pub(crate) bus: &'a Bus,
     /// Electrical turns per turn.
     pub(crate) pole_pairs: i32,
-    /// How fast the rotor turns,
+    /// Electrical speed of the rotor.
     pub(crate) speed: ElectricalSpeed,
-    /// and the currents that its references ask for.
+    /// Currents that are the motor's references.
     pub(crate) reference: Rotor<Current>,
-    /// The q current that keeps the rotor turning, zero or more,
+    /// The q current that keeps the rotor turning, zero or more.
     pub(crate) load: Current,
-    /// and whether f stands, so that it is no other.
+    /// Whether f stands, so that the load is no other.
     pub(crate) steady: bool,
     /// The currents that flow at the voltages that are given, as the loop has them.
     pub(crate) current: Rotor<Current>,
     pub(crate) voltage: Rotor<Voltage>,
-    /// Whether current or voltage are at their limits,
+    /// Whether current or voltage are at their limits.
     pub(crate) limited: bool,
-    /// and the rotors behind for that,
+    /// Whether the rotors stay behind because of a limit.
     pub(crate) lags: bool,
-    /// and the f that is asked for.
+    /// f that is asked for.
     pub(crate) setpoint: Speed,
     /// By which share the rotor's speed comes and goes within a turn, 2^-32.
     pub(crate) ripple: i32,

@@ -175,11 +175,11 @@ pub(crate) struct Observation<'a> {
     pub(crate) currents: &'a [[Current; 2]; 2],
     /// Top, bottom.
     pub(crate) loops: &'a [CurrentLoop; 2],
-    /// Whether the rotors are controlled,
+    /// Whether the rotors are controlled.
     pub(crate) shaking: bool,
-    /// by what,
+    /// The shaker that controls them.
     pub(crate) shaker: &'a Shaker,
-    /// and the f that is asked for.
+    /// f that is asked for.
     pub(crate) setpoint: Speed,
     /// The same below the ceiling of the voltage.
     pub(crate) reachable: Speed,

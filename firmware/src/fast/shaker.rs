@@ -262,7 +262,8 @@ pub(crate) struct Setpoint {
     pub(crate) direction: Option<RotorAngle>,
 }
 
-/// Torques of top and bottom motor, as currents, in the next [`STRIDE`] ticks, clockwise.
+/// What one update gives the motors: torques, as clockwise currents for the next [`STRIDE`] ticks, and the changes of speed
+/// that they are to make.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Torques {
     /// Top, bottom.

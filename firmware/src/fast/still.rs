@@ -7,7 +7,7 @@ use crate::units::{Counts, Speed};
 /// Ticks over which the current zero is averaged: 0.1 s.
 pub(crate) const ZERO_TICKS: u32 = 1 << 10;
 /// Ticks that the rotor may take to come to rest beforehand: 2 s.
-pub(crate) const REST_TICKS: u32 = 20_000;
+pub(crate) const LONGEST_REST_WAIT_TICKS: u32 = 20_000;
 /// Ticks that both rotors must have been slow to count as at rest: 50 ms.
 pub(crate) const STILL_TICKS: u32 = 500;
 /// A rotor slower than this is at rest: 0.5 Hz.

@@ -37,7 +37,7 @@ use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
 use crate::fast::exchange::{Asked, EventCounters, Requests};
-use crate::fast::still::REST_TICKS;
+use crate::fast::still::LONGEST_REST_WAIT_TICKS;
 use crate::units::Speed;
 
 /// [`LINK_LATE`] in microseconds.
@@ -55,7 +55,7 @@ const BRAKE_TICKS: u16 = 5_000;
 const COAST_TICKS: u16 = 20;
 
 /// Ticks for which arming waits for rotors to come to rest, so that settings are taken over: 2 s, as alignment does.
-const LONGEST_WAIT_TICKS: u16 = REST_TICKS as u16;
+const LONGEST_WAIT_TICKS: u16 = LONGEST_REST_WAIT_TICKS as u16;
 
 /// What the motors are to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,7 +80,7 @@ pub(crate) struct Conditions {
     /// Whether both rotors stand.
     pub(crate) at_rest: bool,
     /// Whether alignment, or the trial, finished in the last tick.
-    pub(crate) aligned: bool,
+    pub(crate) finished: bool,
     /// Whether settings wait to be taken over: nothing is driven with those before.
     pub(crate) outdated: bool,
 }
@@ -322,11 +322,11 @@ impl Supervisor {
             State::Disarmed => self.rest(conditions),
             State::Aligning if conditions.outdated => self.wait(conditions),
             State::Aligning => {
-                if conditions.aligned && self.tries {
+                if conditions.finished && self.tries {
                     self.enter(State::Disarmed);
                     return Drive::Brake;
                 }
-                if conditions.aligned {
+                if conditions.finished {
                     self.enter(State::Armed);
                     return Drive::Shake(Speed::ZERO, false);
                 }

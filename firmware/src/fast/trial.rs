@@ -1,8 +1,8 @@
 //! Trials of motors that nobody knows: see [`flix_protocol::message::Trial`].
 //!
 //! No value of the motor is used. The voltage starts from nothing and grows by 1/128 a tick, so that within the time
-//! constant of any motor of this size (2 ms) it gains at most a sixth; a phase that carries its reference of current, as its
-//! amplifier shows it, ends the growth. At [`LOOK_VOLTAGE`] the growth waits until a current must show: without one
+//! constant of any motor of this size (2 ms) it gains at most a sixth; the growth ends once the current of a
+//! phase, as its amplifier shows it, reaches the reference. At [`LOOK_VOLTAGE`] the growth waits until a current must show: without one
 //! nothing tells how much flows.
 
 use flix_protocol::message::{
@@ -13,7 +13,7 @@ use crate::fast::aligner::{Progress, field};
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Rotor, clarke, park};
-use crate::fast::still::{REST_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
+use crate::fast::still::{LONGEST_REST_WAIT_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
 use crate::fast::tracker::Tracker;
 use crate::hardware::Bridge;
 use crate::units::{Counts, Current, ElectricalAngle, Voltage, multiply_high};
@@ -162,7 +162,7 @@ impl TrialRun {
     fn rest(&mut self, observation: &Observation<'_>) -> Progress {
         if self.stillness.look(observation.trackers) {
             self.enter(Stage::Zero);
-        } else if self.tick >= REST_TICKS {
+        } else if self.tick >= LONGEST_REST_WAIT_TICKS {
             return Progress::Failed(Fault::Alignment);
         }
         Progress::Busy
@@ -306,7 +306,7 @@ impl TrialRun {
 }
 
 impl Motor {
-    /// Returns whether it carries its reference of current, or turns as much power to heat as it may.
+    /// Returns whether its current has reached the reference, or it turns as much power to heat as it may.
     fn is_full(&self, reference: Current) -> bool {
         let current = self.current();
         // 2^-16 V times 2^-16 A, of which the upper half is in V A.

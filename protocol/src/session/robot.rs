@@ -486,8 +486,7 @@ impl RobotSession {
             holder.moment = holder.moment.max(moment.unwrap_or_default());
         }
         let command = postcard::from_bytes::<ToRobot>(plain);
-        let is_always_safe =
-            matches!(&command, Ok(ToRobot { command: Command::Stop | Command::Disarm, .. }));
+        let is_always_safe = command.as_ref().is_ok_and(|it| it.command.is_always_safe());
         if !is_always_safe && holder.newest_command.is_some_and(|newest| counter < newest) {
             return RobotReceived::Dropped(DropReason::Stale, None);
         }

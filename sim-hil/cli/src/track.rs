@@ -221,7 +221,7 @@ fn finish(
 }
 
 impl Report {
-    /// Formats the matrix for people.
+    /// Formats the run for people.
     pub(super) fn to_text(&self) -> String {
         let mut text = format!(
             "{} ({} controller, seed {}): {}\n",

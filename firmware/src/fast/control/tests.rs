@@ -685,7 +685,7 @@ fn encoders_that_see_no_rest_do_not_keep_a_stopped_robot_armed() {
     let mut asked = Asked::default();
     asked.requests.arm = 1;
     let conditions =
-        Conditions { present: Faults::NONE, at_rest: false, aligned: true, outdated: false };
+        Conditions { present: Faults::NONE, at_rest: false, finished: true, outdated: false };
     supervisor.update(Instant::START, &asked, &conditions);
     supervisor.update(Instant::START, &asked, &conditions);
     asked.requests.disarm = 1;

@@ -95,7 +95,7 @@ pub struct CurrentLoop {
     limited: bool,
     /// Whether it was since somebody asked.
     has_been_limited: bool,
-    /// What of the last tick's wish was not met.
+    /// By how much the current of the last tick missed its reference.
     error: Rotor<Current>,
     /// What the limit gave beyond the voltage before it, where it held.
     excess: Rotor<Voltage>,

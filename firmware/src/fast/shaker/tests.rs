@@ -160,7 +160,7 @@ fn the_inverse_response_is_that_of_double_precision_with_a_torque_that_acts_late
 }
 
 #[test]
-fn a_demand_acts_later_by_half_a_stride_the_bridges_and_the_current_loop() {
+fn a_torque_acts_later_by_half_a_stride_the_bridges_and_the_current_loop() {
     let ticks = |settings: &Settings, hardware: &Hardware| {
         let lag = Configuration::new(settings, hardware).shaker.lag;
         f64::from(lag) / f64::from(1 << LAG_BITS)
@@ -338,7 +338,7 @@ fn theta_turns_the_short_way_as_fast_as_is_set_and_no_faster() {
         let off = rig.rotors().direction().signed().wrapping_sub(degrees(direction).signed());
         let off = (f64::from(off) / DEGREE / 180.0).fract() * 180.0;
         assert!(off.abs().min(180.0 - off.abs()) < 0.3, "{off} degrees from {direction}");
-        // Without a wish it stays where it is.
+        // Without a direction it stays where it is.
         let there = rig.shaker.reference.sum;
         rig.hold(20.0, 0.5);
         let moved = f64::from(rig.shaker.reference.sum.wrapping_sub(there) as i32) / DEGREE;

@@ -17,7 +17,7 @@ struct Desk {
     asked: Asked,
     present: Faults,
     at_rest: bool,
-    aligned: bool,
+    finished: bool,
     outdated: bool,
 }
 
@@ -26,7 +26,7 @@ impl Desk {
         let mut asked = Asked::default();
         asked.hear(Instant::START, Instant::from_micros(u64::MAX));
         let (supervisor, present) = (Supervisor::new(), Faults::NONE);
-        Self { supervisor, asked, present, at_rest: false, aligned: false, outdated: false }
+        Self { supervisor, asked, present, at_rest: false, finished: false, outdated: false }
     }
 
     fn aligning() -> Self {
@@ -38,9 +38,9 @@ impl Desk {
 
     fn armed() -> Self {
         let mut desk = Self::aligning();
-        desk.aligned = true;
+        desk.finished = true;
         assert_eq!((desk.tick(), desk.state()), (REST, State::Armed));
-        desk.aligned = false;
+        desk.finished = false;
         desk
     }
 
@@ -67,8 +67,8 @@ impl Desk {
 
     /// One tick, this long after the newest command.
     fn after(&mut self, silence: Duration) -> Drive {
-        let Self { present, at_rest, aligned, outdated, .. } = *self;
-        let conditions = Conditions { present, at_rest, aligned, outdated };
+        let Self { present, at_rest, finished, outdated, .. } = *self;
+        let conditions = Conditions { present, at_rest, finished, outdated };
         self.supervisor.update(self.asked.heard + silence, &self.asked, &conditions)
     }
 

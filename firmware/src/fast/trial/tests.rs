@@ -38,7 +38,7 @@ fn voltage(bench: &Bench, motor: usize) -> f64 {
 }
 
 #[test]
-fn any_motor_carries_the_wanted_current_or_bears_two_watts_and_no_more() {
+fn any_motor_carries_its_reference_or_bears_two_watts_and_no_more() {
     for (resistance, inductance) in [(0.6, 0.8e-3), (2.5, 1e-3), (9.0, 5e-3)] {
         let mut bench = at_trial(resistance, inductance, HALVE);
         to_pattern(&mut bench);

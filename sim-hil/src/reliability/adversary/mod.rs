@@ -109,7 +109,7 @@ pub struct Verdict {
     pub forward_secret: bool,
     /// Farthest trusted pose from the robot, while somebody forges poses, m.
     pub farthest_trusted_pose_m: f64,
-    /// Fed to decoders, sessions and [`flix_firmware::robot::Robot::receive`].
+    /// Fed to decoders, sessions and [`flix_firmware::robot::SlowHalf::receive`].
     pub fuzzed_bytes: u64,
     /// Of any of them.
     pub panics: u64,
