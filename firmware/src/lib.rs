@@ -92,11 +92,11 @@ pub mod alignment;
 pub mod backtrace;
 pub mod blackbox;
 pub mod board;
+#[cfg(feature = "net")]
+mod dhcp;
 pub mod fast;
 pub mod hardware;
 pub mod joining;
-#[cfg(feature = "net")]
-mod lease;
 pub mod link;
 #[cfg(feature = "net")]
 pub mod mdns;

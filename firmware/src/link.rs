@@ -26,11 +26,12 @@
 //! Time and datagrams come in as arguments, datagrams go out: no clock, no socket, no allocation,
 //! and no panic on any input.
 
+mod readiness;
+
 use core::borrow::BorrowMut;
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME, arms_with, longest_command_age};
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
     Bridges, BuildId, Command, CrashReport, EncoderHealth, Event, EventReport, Faults, Identity,
@@ -42,14 +43,13 @@ use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
-use crate::alignment::Alignment;
 use crate::blackbox::{BlackBox, RUN_BYTES};
 use crate::fast::exchange::{Asked, EventCounters, Report, Requests};
-use crate::fast::margin;
 use crate::hardware::{Hardware, SettingsStore};
 use crate::scope::{Memory, Scope};
 use crate::settings::{self, Settings, Tuning, text};
 use crate::units::Speed;
+use readiness::{Judged, Steadiness};
 
 /// Events that wait for an operator.
 pub const EVENTS: usize = 32;
@@ -57,47 +57,6 @@ pub const EVENTS: usize = 32;
 const REPLIES: usize = 4;
 /// Handshake datagrams that wait to be sent.
 const ANSWERS: usize = 4;
-
-/// Settings with what is to be said of them before anything moves: of the age of commands, and of their stability margin.
-/// Working that out takes a processor without a floating-point unit some
-/// 100 ms, in which nothing is received: whoever arms must not wait for it.
-struct Judged {
-    settings: Settings,
-    verdict: Result<(), Refusal>,
-}
-
-impl Judged {
-    fn of(settings: &Settings, hardware: &Hardware) -> Self {
-        let settings = decisive(settings);
-        let measures_current = hardware.current_sense.is_some();
-        let verdict = judge_command_age(&settings)
-            .and_then(|()| margin::judge(&settings.on(hardware), measures_current));
-        Self { settings, verdict }
-    }
-
-    fn is_of(&self, settings: &Settings) -> bool {
-        self.settings == decisive(settings)
-    }
-}
-
-/// Refuses an age of commands with which the rotors could turn longer than promised after the last intent to move. It stays
-/// stored: only its robot does not arm.
-fn judge_command_age(settings: &Settings) -> Result<(), Refusal> {
-    const NAME: &str = "command_age";
-    if arms_with(settings.command_age, settings.frequency_ramp) {
-        return Ok(());
-    }
-    let longest = longest_command_age(settings.frequency_ramp);
-    let minimum = settings::TABLE.iter().find(|it| it.name == NAME).map_or(0.0, |it| it.minimum);
-    Err(Refusal::OutOfRange { name: text(NAME), minimum, maximum: longest.as_secs_f32() })
-}
-
-/// Returns settings without what no loop is judged by: what an alignment finds, and how values are known.
-fn decisive(settings: &Settings) -> Settings {
-    let mut settings = Settings { marks: Settings::DEFAULT.marks, ..*settings };
-    settings.learn([Alignment::default(); 2]);
-    settings
-}
 
 /// The robot's end of the link.
 pub struct Link {
@@ -909,27 +868,6 @@ fn milliseconds(time: Option<Duration>) -> u16 {
     time.and_then(|time| u16::try_from(time.as_millis()).ok()).unwrap_or(u16::MAX)
 }
 
-/// For how long commands have come without a gap.
-#[derive(Debug, Clone, Copy, Default)]
-struct Steadiness {
-    /// Since when, and when the last one came.
-    run: Option<(Instant, Instant)>,
-}
-
-impl Steadiness {
-    fn heard(&mut self, now: Instant) {
-        self.run = match self.run {
-            Some((since, last)) if now.since(last) < LINK_LATE => Some((since, now)),
-            _ => Some((now, now)),
-        };
-    }
-
-    /// Returns whether the last one ended a run that is long enough to arm.
-    fn is_proven(&self) -> bool {
-        self.run.is_some_and(|(since, last)| last.since(since) >= PROVING_TIME)
-    }
-}
-
 /// Events on the way to the operator.
 #[derive(Debug, Default)]
 struct Events {
@@ -954,25 +892,5 @@ fn motor(report: &Report, index: usize) -> MotorTelemetry {
         current_d: motor.current_d.into(),
         current_q: mean.into(),
         current_q_range: [least, largest].map(Amperes::from),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::board::DENGFOC_V3_01;
-
-    /// To judge takes a time in which nothing is received: what no loop depends on must not cause it.
-    #[test]
-    fn neither_marks_nor_an_alignment_make_settings_be_judged_anew() {
-        let judged = Judged::of(&Settings::DEFAULT, &DENGFOC_V3_01.hardware);
-        let mut settings = Settings::DEFAULT;
-        assert_eq!(settings.accept(true), Ok(()));
-        assert_ne!(settings, Settings::DEFAULT);
-        assert!(judged.is_of(&settings), "other marks");
-        settings.learn([Alignment { reversed: true, ..Alignment::default() }; 2]);
-        assert!(judged.is_of(&settings), "another alignment");
-        settings.position_bandwidth += 1.0;
-        assert!(!judged.is_of(&settings), "another loop");
     }
 }

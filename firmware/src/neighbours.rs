@@ -13,7 +13,7 @@
 //!
 //! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
 //!
-//! The stack's DHCP client is kept from what networks do to it (`lease.rs`), and nothing leaves before the stack knows
+//! The stack's DHCP client is kept from what networks do to it (`dhcp.rs`), and nothing leaves before the stack knows
 //! that the link is up: it would begin twice, with two messages in a millisecond, and hear the answer to neither if both are lost.
 
 use core::cell::RefCell;
@@ -26,7 +26,7 @@ use flix_protocol::DEFAULT_PORT;
 use flix_protocol::session::HOLDER_SILENCE;
 use heapless::Deque;
 
-use crate::lease::{LONGEST_MESSAGE, Lease, SHORTEST_MESSAGE};
+use crate::dhcp::{LONGEST_MESSAGE, Lease, SHORTEST_MESSAGE};
 use crate::link::push_newest;
 
 /// Time for which the sender of an authentic datagram stays pinned: as long as its session keeps others out.

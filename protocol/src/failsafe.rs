@@ -1,5 +1,5 @@
 //! What happens to a robot whose commands stay away, and from which battery voltage it warns: the
-//! figures that robot, operator and tests share.
+//! figures that robot, operator and tests share. The firmware's `fast/supervisor.rs` obeys them, and its `link.rs` before arming.
 //!
 //! A rotor turns for at most [`LONGEST_MOVEMENT`] after its operator's last intent to move, whatever a network does: for
 //! the age up to which a command counts, and for the ramp down. Both are settings, so a robot arms only while

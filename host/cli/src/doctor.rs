@@ -13,7 +13,7 @@ use flix_protocol::message::{
 use flix_protocol::units::Instant;
 
 use super::address::RobotArgs;
-use super::walk::PoseArgs;
+use super::run::PoseArgs;
 use flix_host::commission::motor_name;
 use flix_host::link::LinkError;
 use flix_host::link::explain;
@@ -492,11 +492,11 @@ fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
     }
     match judge_poses(seen.untracked, seen.jumps, seen.spread, seen.poses, watched) {
         Ok(praise) => Finding::good("poses", praise),
-        Err(_) if seen.late > seen.poses => bad(format!(
+        Err(_) if seen.out_of_order > seen.poses => bad(format!(
             "{} of {} datagrams state a time that is not after the one before, or far ahead: state each picture's own, in seconds with their \
              fraction, or none",
-            seen.late,
-            seen.late + seen.poses
+            seen.out_of_order,
+            seen.out_of_order + seen.poses
         )),
         Err(sentence) => bad(sentence),
     }

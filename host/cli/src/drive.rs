@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::address::RobotArgs;
 use super::moved::{Motion, Walked};
-use super::walk::{HeightCheck, PoseArgs, record};
+use super::run::{HeightCheck, PoseArgs, record};
 use flix_host::link::udp::{Connection, FAREWELL_PATIENCE, STOP_PATIENCE};
 use flix_host::link::{LinkError, Update, errors, is_reached};
 use flix_host::pose::PoseSource;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use super::address::RobotArgs;
-use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
+use super::run::{FileArgs, PoseArgs, Run, unrecorded, verdict};
 use flix_host::nav::{Navigator, Position, Task};
 use flix_host::pilot::steering::names;
 use flix_host::pilot::{Pilot, Recorded};
@@ -49,15 +49,15 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let table = repertoire.table();
     let setup = facts(&settings);
     let navigator = Navigator::new(task, repertoire, settings).map_err(Error::usage)?;
-    let mut walk = Walk::open(&args.robot, &args.poses)?;
-    let mut recorder = walk.record(&args.files.record, "home", setup)?;
-    recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
+    let mut run = Run::open(&args.robot, &args.poses)?;
+    let mut recorder = run.record(&args.files.record, "home", setup)?;
+    recorder.attach(run.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(navigator, names(&table), Some(recorder))
         .driving_unrecorded(args.files.record.unrecorded);
-    let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
+    let (ending, seconds) = run.drive(&mut pilot, |pilot| {
         format!("{:<24} {:>4.0} mm away", pilot.doing(), pilot.helm().progress().error * 1e3)
     })?;
-    walk.leave();
+    run.leave();
     let numbers = results(pilot.helm(), seconds);
     let (_, Recorded { file, error: record_error }) = pilot.finish(numbers.clone());
     verdict(&ending, file.as_ref())?;

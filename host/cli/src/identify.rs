@@ -11,7 +11,7 @@ use flix_protocol::units::{Degrees, Hertz};
 use super::address::RobotArgs;
 use super::drive;
 use super::experiment::Experimenter;
-use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
+use super::run::{FileArgs, PoseArgs, Run, unrecorded, verdict};
 use flix_host::experiment::grid::{self, Grid};
 use flix_host::experiment::{Sheet, walks};
 use flix_host::nav::{Identification, IdentificationSettings, ModeTable};
@@ -110,16 +110,16 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     }
     let (identification, names) = args.identification.identification()?;
     ModeTable::check_writable(&args.files.modes)?;
-    let mut walk = Walk::open(&args.robot, &args.poses)?;
+    let mut run = Run::open(&args.robot, &args.poses)?;
     let facts = BTreeMap::from([("identification".into(), args.identification.source())]);
-    let recorder = walk.record(&args.files.record, "identify", facts)?;
+    let recorder = run.record(&args.files.record, "identify", facts)?;
     let mut pilot = Pilot::new(identification, names, Some(recorder))
         .driving_unrecorded(args.files.record.unrecorded);
-    let (ending, _) = walk.drive(&mut pilot, |pilot| {
+    let (ending, _) = run.drive(&mut pilot, |pilot| {
         let (done, all) = pilot.helm().progress();
         format!("{:<24} stretch {} of {all}", pilot.doing(), (done + 1).min(all))
     })?;
-    walk.leave();
+    run.leave();
     let (identification, Recorded { file, error }) = pilot.finish(BTreeMap::new());
     verdict(&ending, file.as_ref())?;
     let source = args.identification.source();
@@ -165,9 +165,9 @@ fn walk_grid(args: &Args, file: &Path) -> Result<ExitCode, Error> {
             known: grid.modes(sheet.rows()),
             ..args.identification.settings(pairs)
         });
-        let walk = Walk::open(&args.robot, &args.poses)?;
+        let run = Run::open(&args.robot, &args.poses)?;
         let record = &args.files.record;
-        Experimenter { name: "grid", robot, record, sheet, json: false }.walk(walk, helm, names)?;
+        Experimenter { name: "grid", robot, record, sheet, json: false }.walk(run, helm, names)?;
     }
     let missing = grid.next_round(open()?.rows());
     if missing.is_empty() {

@@ -22,6 +22,7 @@ pub mod man;
 mod moved;
 pub mod parameters;
 pub mod provision;
+pub mod run;
 pub mod runs;
 pub mod scope;
 pub mod status;
@@ -29,7 +30,6 @@ pub mod stop;
 mod symbols;
 pub mod teleop;
 pub mod track;
-pub mod walk;
 
 use std::process::ExitCode;
 

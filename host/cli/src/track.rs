@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use super::address::RobotArgs;
-use super::walk::{FileArgs, PoseArgs, Walk, unrecorded, verdict};
+use super::run::{FileArgs, PoseArgs, Run, unrecorded, verdict};
 use flix_host::nav::Task;
 use flix_host::pilot::steering::names;
 use flix_host::pilot::{Pilot, Recorded};
@@ -48,28 +48,24 @@ pub struct Args {
 /// # Errors
 /// When something is missing, or the run ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let task = args.course.task()?;
+    let path = args.course.path()?;
+    let name = format!("track-{}", path.name());
+    let task = Task::Follow { path: path.clone(), laps: args.course.laps };
     let settings = args.course.settings(&task)?;
     let repertoire = args.course.steering.repertoire(|| -> Result<_, Error> {
         Ok(table_for(&args.robot.robot, &args.files.modes)?)
     })?;
     let table = repertoire.table();
-    let name = match &task {
-        Task::Follow { path, .. } => format!("track-{}", path.name()),
-        Task::Reach { .. } => "reach".to_owned(),
-    };
     let mut setup = facts(&settings);
     setup.insert("controller".into(), args.course.controller());
     let steering = args.course.steering(task.clone(), repertoire, settings, ANSWER_PATIENCE)?;
-    let mut walk = Walk::open(&args.robot, &args.poses)?;
-    let mut recorder = walk.record(&args.files.record, &name, setup)?;
-    if let Task::Follow { path, .. } = &task {
-        recorder.path_to_follow(walk.now(), path)?;
-    }
-    recorder.attach(walk.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
+    let mut run = Run::open(&args.robot, &args.poses)?;
+    let mut recorder = run.record(&args.files.record, &name, setup)?;
+    recorder.path_to_follow(run.now(), &path)?;
+    recorder.attach(run.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(steering, names(&table), Some(recorder))
         .driving_unrecorded(args.files.record.unrecorded);
-    let (ending, seconds) = walk.drive(&mut pilot, |pilot| {
+    let (ending, seconds) = run.drive(&mut pilot, |pilot| {
         let progress = pilot.helm().navigator().progress();
         format!(
             "{:<24} {:.2} laps, error {:>4.0} mm now, {:.0} mm RMS",
@@ -79,7 +75,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             progress.error_rms * 1e3
         )
     })?;
-    walk.leave();
+    run.leave();
     let (walked, controller) = (name.trim_start_matches("track-"), args.course.controller());
     let numbers = results(pilot.helm().navigator(), seconds);
     let (_, Recorded { file, error }) = pilot.finish(numbers.clone());

@@ -83,13 +83,6 @@ impl Chart {
         self
     }
 
-    /// Makes the horizontal axis logarithmic.
-    #[must_use]
-    pub fn x_logarithmic(mut self) -> Self {
-        self.x_scale = Scale::Logarithmic;
-        self
-    }
-
     /// Puts the ticks of the horizontal axis, which is an angle in degrees, at parts of a turn.
     #[must_use]
     pub fn x_degrees(mut self) -> Self {
@@ -127,8 +120,7 @@ impl Chart {
 
     fn shown_x_range(&self) -> Limits {
         let all = self.panels.iter().flat_map(|p| &p.series).flat_map(|s| &s.points).map(|p| p.x);
-        let margin = if self.x_scale == Scale::Logarithmic { 0.03 } else { 0.0 };
-        let of_data = || range_of(all, self.x_scale, margin);
+        let of_data = || range_of(all, self.x_scale, 0.0);
         self.x_range.or_else(of_data).unwrap_or(Limits::new(0.0, 1.0))
     }
 }

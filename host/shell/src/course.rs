@@ -106,11 +106,11 @@ impl From<PathError> for Error {
 }
 
 impl CourseArgs {
-    /// Returns the task of these options.
+    /// Returns the path of these options, where it is placed.
     ///
     /// # Errors
     /// When a size is out of range, or the file is not a list of waypoints.
-    pub fn task(&self) -> Result<Task, Error> {
+    pub fn path(&self) -> Result<Path, Error> {
         self.refuse_other_sizes()?;
         let path = match self.path.as_str() {
             "figure8" => {
@@ -120,8 +120,7 @@ impl CourseArgs {
             "square" => Path::square(self.side.unwrap_or(SIDE))?,
             file => read_path(file)?,
         };
-        let path = path.placed(PlanarPose::new(self.at, self.turned.to_radians()));
-        Ok(Task::Follow { path, laps: self.laps })
+        Ok(path.placed(PlanarPose::new(self.at, self.turned.to_radians())))
     }
 
     /// Refuses the size of another path: it would change nothing.

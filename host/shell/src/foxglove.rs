@@ -1,7 +1,7 @@
 //! Live streams for Foxglove, Lichtblick and whatever else speaks their WebSocket protocol.
 //!
 //! A stream only shows: nobody can command through it. Who falls behind loses rows, and holds up nobody. Who may look is the
-//! matter of [`front`](crate::front).
+//! matter of [`foxglove_front`](crate::foxglove_front).
 
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use foxglove::{
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
-use crate::front::{Front, hidden};
+use crate::foxglove_front::{Front, hidden};
 use crate::output::complain;
 use flix_host::record::{Channel, Reader};
 

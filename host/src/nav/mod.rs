@@ -26,8 +26,8 @@ mod outlook;
 mod pace;
 mod path;
 mod predictive;
-mod safety;
 mod standstill;
+mod stop;
 mod two_state;
 mod weights;
 
@@ -44,7 +44,7 @@ pub use navigator::{
     Repertoire, Resting, Settings, Task, UnknownController,
 };
 pub use path::{Path, PathError, Projection};
-pub use safety::Stop;
+pub use stop::Stop;
 pub use two_state::MissingTurn;
 
 #[cfg(test)]

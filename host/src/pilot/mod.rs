@@ -159,7 +159,6 @@ pub struct Pilot<H> {
     phase: Phase,
     since: Option<Instant>,
     ending: Option<Ending>,
-    latency: Option<Duration>,
     recorder: Option<Recorder>,
     record_error: Option<RecordError>,
     drives_unrecorded: bool,
@@ -180,7 +179,6 @@ impl<H: Helm> Pilot<H> {
             phase: Phase::Connecting,
             since: None,
             ending: None,
-            latency: None,
             recorder,
             record_error: None,
             drives_unrecorded: false,
@@ -188,13 +186,6 @@ impl<H: Helm> Pilot<H> {
             commanded: None,
             driving_since: None,
         }
-    }
-
-    /// Fixes the link's latency instead of measuring it.
-    #[must_use]
-    pub fn with_latency(mut self, latency: Duration) -> Self {
-        self.latency = Some(latency);
-        self
     }
 
     /// Goes on without a record when it cannot be written any more, for example on a full disk; the
@@ -381,7 +372,7 @@ impl<H: Helm> Pilot<H> {
 
     fn begin_driving(&mut self, now: Instant, client: &Client) {
         let measured = client.statistics().round_trip_quantile(0.5).map(|trip| trip / 2);
-        if let Some(latency) = self.latency.or(measured) {
+        if let Some(latency) = measured {
             self.helm.set_latency(latency);
         }
         self.driving_since = Some(now);

@@ -75,7 +75,7 @@ pub struct PoseSample {
     pub time: Instant,
     /// The pose.
     pub pose: Pose,
-    /// Whether the source trusts the pose: the rigid body was tracked.
+    /// Whether the robot may be steered by the pose: tracked, in order, steady, not late, and of one sender alone.
     pub valid: bool,
     /// When the picture was taken that shows it, if the source states that.
     pub picture: Option<Picture>,

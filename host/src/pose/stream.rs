@@ -56,7 +56,7 @@ impl Stream {
         }
     }
 
-    /// Takes those that come from now on for another clock's.
+    /// Forgets order and delay: pictures from now on are timed by another clock.
     pub(super) fn forget_times(&mut self) {
         (self.order, self.delay) = (Order::default(), Delay::default());
     }

@@ -47,7 +47,7 @@ pub struct UdpStatistics {
     pub unreadable: u64,
     /// Datagrams whose time is not after that of one before them, or far ahead: late, or twice, of a tracker that stands still,
     /// or not in seconds.
-    pub late: u64,
+    pub out_of_order: u64,
     /// Most by which a pose came later than the fastest one.
     pub spread: Duration,
     /// Poses out of reach of the pose before them.
@@ -111,7 +111,7 @@ impl UdpSource {
         let statistics = &mut self.statistics;
         statistics.jumps = self.stream.jumps();
         let Some(newer) = newer else {
-            statistics.late += 1;
+            statistics.out_of_order += 1;
             return None;
         };
         statistics.spread = statistics.spread.max(newer.late);
@@ -185,7 +185,7 @@ const fn trusted() -> bool {
     true
 }
 
-/// Latest time that is taken from a tracker, s: all later ones, and none of this century, are slips.
+/// Latest time that is taken from a tracker, s: a later one is a slip. Unix time stays far below it.
 const LATEST: f64 = 1e11;
 
 /// A pose, whether the tracker trusts it, and when it was taken on the tracker's clock, if it states that.
@@ -256,7 +256,7 @@ mod tests {
     ) -> Option<PoseSample> {
         let count = |source: &UdpSource| {
             let seen = source.statistics();
-            seen.poses + seen.unreadable + seen.strangers + seen.late
+            seen.poses + seen.unreadable + seen.strangers + seen.out_of_order
         };
         let before = count(source);
         from.send(text.as_bytes()).unwrap();
@@ -296,7 +296,7 @@ mod tests {
         // A tracker that began anew.
         let anew = (0..30).filter(|n| seen(3.0 + 0.01 * *n as f64, 60 + n * 10)).count();
         assert!(anew == 20 && !seen(3.0 + 0.01 * 29.0, 360));
-        assert_eq!((source.statistics().poses, source.statistics().late), (23, 13));
+        assert_eq!((source.statistics().poses, source.statistics().out_of_order), (23, 13));
     }
 
     /// The samples of pictures that come and were taken then, ms, in one place, and what was counted.
@@ -313,7 +313,7 @@ mod tests {
     fn poses_that_come_later_and_later_are_not_trusted_though_none_is_lost() {
         let lag = |t: u64| t.saturating_sub(8000).min(2000);
         let (samples, seen) = samples((0..2000).map(|n| n * 10).map(|t| (t + lag(t), 777 + t)));
-        assert_eq!((samples.len(), seen.late), (2000, 0));
+        assert_eq!((samples.len(), seen.out_of_order), (2000, 0));
         assert!(samples[100..820].iter().all(|it| it.valid));
         assert!(samples[821..].iter().all(|it| !it.valid));
     }
@@ -338,7 +338,7 @@ mod tests {
         let echo = |n: u64| n.checked_sub(120).map(|n| n * 10);
         let pictures = (0..500).flat_map(|n| [Some(n * 10), echo(n)].map(move |it| (n * 10, it)));
         let (samples, seen) = samples(pictures.filter_map(|(now, it)| Some((now, it?))));
-        assert_eq!((samples.len(), seen.late), (500, 380));
+        assert_eq!((samples.len(), seen.out_of_order), (500, 380));
     }
 
     #[test]
@@ -351,7 +351,7 @@ mod tests {
     fn a_time_far_ahead_costs_one_pose() {
         let slip = |n: u64| if n % 100 == 50 { 900 } else { 0 };
         let (samples, seen) = samples((0..500).map(|n| (n * 10, n * 10 + slip(n))));
-        assert_eq!((samples.len(), seen.late), (495, 5));
+        assert_eq!((samples.len(), seen.out_of_order), (495, 5));
         assert!(samples[100..].iter().all(|it| it.valid));
     }
 

@@ -20,8 +20,7 @@ use crate::frame::{
     Sealed, Stop, Tag,
 };
 use crate::message::{
-    Command, DropReason, Dropped, LinkQuality, OperatorName, Refusal, ToOperator, ToRobot,
-    unreadable,
+    DropReason, Dropped, LinkQuality, OperatorName, Refusal, ToOperator, ToRobot, unreadable,
 };
 use crate::units::Instant;
 

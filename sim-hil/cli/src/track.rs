@@ -125,10 +125,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 /// # Errors
 /// When the path, model or table is refused, the simulation diverges, or files cannot be written.
 pub(super) fn follow(args: &Args) -> Result<Report, Error> {
-    let task = args.course.task()?;
-    let Task::Follow { path, laps } = &task else {
-        return Err(Error::refused("this is no path to follow"));
-    };
+    let path = args.course.path()?;
+    let task = Task::Follow { path: path.clone(), laps: args.course.laps };
     let repertoire = args.course.steering.repertoire(|| args.conditions.table())?;
     let table = repertoire.table();
     let mut settings = args.course.settings(&task)?;
@@ -141,7 +139,7 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let steering = args.course.steering(task.clone(), repertoire, settings, ANSWER_PATIENCE)?;
     let mut recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
     let begin = flix_protocol::units::Instant::START;
-    recorder.path_to_follow(begin, path)?;
+    recorder.path_to_follow(begin, &path)?;
     recorder.attach(begin, "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let pilot = Pilot::new(steering, names(&table), Some(recorder));
     let along = path.start();
@@ -150,7 +148,7 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     // A frame for every pose: often enough to see which way the rotors turn.
     let mut film = (!args.json).then(|| Film::new(&conditions.model, POSE_PERIOD.as_secs_f64()));
     let mut course = Course::new(&conditions, pilot)?;
-    let bar = progress((f64::from(*laps) * path.length() * 1e3) as u64, "mm walked");
+    let bar = progress((f64::from(args.course.laps) * path.length() * 1e3) as u64, "mm walked");
     let ending = loop {
         if let Some(ending) = course.step()? {
             break ending;
@@ -167,7 +165,7 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
         );
     };
     bar.finish_and_clear();
-    finish(args, course, &ending, path, film)
+    finish(args, course, &ending, &path, film)
 }
 
 fn finish(

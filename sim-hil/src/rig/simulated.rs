@@ -142,7 +142,7 @@ pub enum Processor {
     Runs,
     /// Its slow half hangs: the fast loop goes on, but no datagram is taken and none is sent.
     IsDeaf,
-    /// It hangs: the bridges keep their last orders.
+    /// It hangs: the bridges keep their last duties.
     Hangs,
     /// It is in its boot loader: the bridges are off. When it runs again the software starts anew, and finds in its black
     /// box what the run before left.
@@ -157,7 +157,7 @@ pub trait Disturbance {
     }
     /// Changes what the sensors show.
     fn sensors(&mut self, _now: Instant, _sensors: &mut Sensors) {}
-    /// Changes the orders of the bridges.
+    /// Changes what the bridges are to do.
     fn actuation(&mut self, _now: Instant, _actuation: &mut Actuation) {}
     /// Changes motors and battery.
     fn electronics(&mut self, _now: Instant, _electronics: &mut Electronics) {}
@@ -437,7 +437,7 @@ impl<M: Mechanics> SimulatedRobot<M> {
         self.electronics.battery_mut().recharge(charge);
     }
 
-    /// Returns the last orders of the bridges.
+    /// Returns what the bridges were last to do.
     #[must_use]
     pub fn actuation(&self) -> Actuation {
         self.actuation

@@ -13,7 +13,6 @@
 //! A panic, a brown-out, a fast loop that stops for 200 ms and tasks that hang for 600 ms, or 4 s while the radio connects with
 //! motors that are not driven, all end with the bridges off and a restart.
 
-mod blackbox;
 mod bridge;
 mod chip;
 mod choice;
@@ -26,6 +25,7 @@ mod log;
 mod network;
 mod panic;
 mod pins;
+mod rtc_memory;
 mod serial;
 mod shared;
 mod slow;
@@ -85,7 +85,7 @@ async fn main(spawner: Spawner) {
     esp_alloc::heap_allocator!(#[esp_hal::ram(reclaimed)] size: RECLAIMED_HEAP_BYTES);
     esp_alloc::heap_allocator!(size: MORE_HEAP_BYTES);
     chip::reset_on_brown_out();
-    let kept = blackbox::take();
+    let kept = rtc_memory::take();
     let reset = watchdog::reason(&kept);
     announce(&reset);
 
@@ -137,7 +137,7 @@ async fn main(spawner: Spawner) {
         spawn(spawner, "the log", log::drain(transmitter));
         spawn(spawner, "provisioning", serial::serve(receiver, provisioner, exchange));
     }
-    let robot = slow::Robot::new(slow, reset, kept, exchange);
+    let robot = slow::SlowTask::new(slow, reset, kept, exchange);
     match (provisioning, radio) {
         (Some(provisioning), Some(radio)) => operate(spawner, robot, provisioning, radio).await,
         _ => {
@@ -178,7 +178,7 @@ fn secret() -> Option<[u8; 32]> {
 /// Serves operators on the network for ever.
 async fn operate(
     spawner: Spawner,
-    mut robot: slow::Robot<Entry<'static, Flash>>,
+    mut robot: slow::SlowTask<Entry<'static, Flash>>,
     provisioning: &'static Provisioning,
     radio: WifiController<'static>,
 ) -> ! {

@@ -4,9 +4,9 @@ use core::panic::PanicInfo;
 
 use esp_println::println;
 
-use crate::blackbox;
 use crate::choice::BOARD;
 use crate::pins::seize;
+use crate::rtc_memory;
 
 #[expect(unsafe_code, reason = "the bridges' pins belong to the fast loop")]
 #[panic_handler]
@@ -19,7 +19,7 @@ fn on_panic(info: &PanicInfo) -> ! {
                 unsafe { seize(*pin) };
             }
         }
-        blackbox::keep_panic(info);
+        rtc_memory::keep_panic(info);
         println!("panic: {info}");
         println!("bridges off; starting anew");
         esp_hal::system::software_reset()

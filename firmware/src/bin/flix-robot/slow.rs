@@ -13,15 +13,15 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::{ResetReason, State};
 use flix_protocol::units::Instant;
 
-use crate::blackbox;
 use crate::clock::now;
 use crate::log::log;
 use crate::network::SIGNAL;
+use crate::rtc_memory;
 use crate::shared::Shared;
 use crate::watchdog;
 
 /// The slow half, with the way to the fast loop.
-pub(crate) struct Robot<S> {
+pub(crate) struct SlowTask<S> {
     slow: SlowHalf<S>,
     exchange: &'static Shared,
     printed: Option<State>,
@@ -29,7 +29,7 @@ pub(crate) struct Robot<S> {
     ticks: u64,
 }
 
-impl<S: SettingsStore> Robot<S> {
+impl<S: SettingsStore> SlowTask<S> {
     /// Starts before the first exchange; `reset` is why the chip last started, and `kept` what the run before left, for
     /// operators who ask.
     pub(crate) fn new(
@@ -39,7 +39,7 @@ impl<S: SettingsStore> Robot<S> {
         exchange: &'static Shared,
     ) -> Self {
         slow.link.set_crash(kept.report(reset.clone()));
-        slow.link.set_build(blackbox::build());
+        slow.link.set_build(rtc_memory::build());
         slow.link.set_reset(reset);
         Self { slow, exchange, printed: None, ticks: 0 }
     }
@@ -83,7 +83,7 @@ impl<S: SettingsStore> Robot<S> {
     }
 }
 
-impl<S: SettingsStore> Station for Robot<S> {
+impl<S: SettingsStore> Station for SlowTask<S> {
     fn now(&self) -> Instant {
         now()
     }
@@ -92,7 +92,7 @@ impl<S: SettingsStore> Station for Robot<S> {
         self.slow.link.set_signal(SIGNAL.lock(Cell::get));
         self.slow.exchange(&mut self.exchange);
         if let Some(bytes) = self.slow.link.keep() {
-            blackbox::keep_run(&bytes);
+            rtc_memory::keep_run(&bytes);
         }
         self.feed();
         self.print_state();

@@ -8,7 +8,7 @@ use flix_protocol::message::Setpoint;
 
 use super::experimenter::{Experimenter, Pair};
 use crate::address::RobotArgs;
-use crate::walk::{PoseArgs, RecordArgs, Walk};
+use crate::run::{PoseArgs, RecordArgs, Run};
 use flix_host::experiment::Sheet;
 use flix_host::experiment::air::{Air, AirSettings, COLUMNS, SHAKES, SLOWEST};
 use flix_shell::Error;
@@ -85,11 +85,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         pose_patience: POSE_PATIENCE,
     });
     let sheet = Sheet::open(&args.folder, "air", &COLUMNS)?.of_robot(&args.robot.robot)?;
-    let walk = Walk::open(&args.robot, &args.poses)?.above_the_floor();
+    let run = Run::open(&args.robot, &args.poses)?.above_the_floor();
     let (robot, record) = (args.robot.robot.as_str(), &args.record);
     let experimenter = Experimenter { name: "air", robot, record, sheet, json: args.json };
     experimenter.run(
-        walk,
+        run,
         (helm, names),
         |helm: &Air| (helm.shakes().len(), helm.total()),
         |helm, last| (helm.shakes().len(), helm.rows(last)),

@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::experimenter::{Report, comment};
 use crate::address::RobotArgs;
-use crate::walk::PoseArgs;
+use crate::run::PoseArgs;
 use flix_host::experiment::Sheet;
 use flix_host::experiment::drops::{COLUMNS, Drops, HEIGHT, HEIGHTS, NoDrop};
 use flix_host::nav::Stop;

@@ -11,7 +11,7 @@ use flix_protocol::message::Setpoint;
 use serde::Serialize;
 
 use crate::drive;
-use crate::walk::{RecordArgs, Walk, unrecorded, verdict};
+use crate::run::{RecordArgs, Run, unrecorded, verdict};
 use flix_host::experiment::walks::{SHORTEST, rows};
 use flix_host::experiment::{Sheet, SheetError};
 use flix_host::nav::Identification;
@@ -101,13 +101,13 @@ impl Experimenter<'_> {
     /// When the run ended early, or something cannot be written.
     pub fn run<H: Helm>(
         self,
-        mut walk: Walk,
+        mut run: Run,
         (helm, names): (H, Vec<String>),
         done: impl Fn(&H) -> (usize, usize),
         rows: impl Fn(&H, f64) -> (usize, Vec<Vec<f64>>),
     ) -> Result<ExitCode, Error> {
         let facts = BTreeMap::from([("file".into(), self.sheet.path().display().to_string())]);
-        let recorder = walk.record(self.record, self.name, facts)?;
+        let recorder = run.record(self.record, self.name, facts)?;
         let mut pilot =
             Pilot::new(helm, names, Some(recorder)).driving_unrecorded(self.record.unrecorded);
         let mut kept = Kept::new(self.sheet, comment(self.robot));
@@ -115,13 +115,13 @@ impl Experimenter<'_> {
             let (done, all) = done(pilot.helm());
             format!("{:<24} test {} of {all}", pilot.doing(), (done + 1).min(all))
         };
-        let driven = walk.drive_keeping(&mut pilot, message, |helm| {
+        let driven = run.drive_keeping(&mut pilot, message, |helm| {
             kept.keep(done(helm).0, |last| rows(helm, last).1)
         });
         match &driven {
-            Ok(_) => walk.leave(),
+            Ok(_) => run.leave(),
             // It stops the robot, if it still drives it.
-            Err(_) => drop(walk),
+            Err(_) => drop(run),
         }
         let (helm, Recorded { file, error }) = pilot.finish(BTreeMap::new());
         let (tests, rows) = rows(&helm, kept.last);
@@ -143,13 +143,13 @@ impl Experimenter<'_> {
     /// As for [`Self::run`].
     pub fn walk(
         self,
-        walk: Walk,
+        run: Run,
         helm: Identification,
         names: Vec<String>,
     ) -> Result<ExitCode, Error> {
         let left_out = Cell::new(0);
         let result = self.run(
-            walk,
+            run,
             (helm, names),
             |helm| {
                 let (done, all) = helm.progress();

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::experimenter::{Experimenter, Pair};
 use crate::address::RobotArgs;
-use crate::walk::{PoseArgs, RecordArgs, Walk};
+use crate::run::{PoseArgs, RecordArgs, Run};
 use flix_host::experiment::Sheet;
 use flix_host::experiment::walks::COLUMNS;
 use flix_host::nav::{Area, Identification, IdentificationSettings, ModeTable};
@@ -70,8 +70,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let settings = settings(pairs, args.seconds, args.repeat, args.fence);
     let helm = Identification::new(IdentificationSettings { known, ..settings });
     let sheet = Sheet::open(&args.folder, "walks", &COLUMNS)?.of_robot(&args.robot.robot)?;
-    let walk = Walk::open(&args.robot, &args.poses)?;
+    let run = Run::open(&args.robot, &args.poses)?;
     let (robot, record) = (args.robot.robot.as_str(), &args.record);
     let experimenter = Experimenter { name: "walks", robot, record, sheet, json: args.json };
-    experimenter.walk(walk, helm, names)
+    experimenter.walk(run, helm, names)
 }

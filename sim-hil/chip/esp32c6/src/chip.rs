@@ -7,7 +7,7 @@ use crate::block::interrupt::source;
 use crate::block::mcpwm::Wave;
 use crate::block::watchdog::Action;
 use crate::block::{CYCLES_PER_SECOND, cycles};
-use crate::cpu::{Cpu, Exit, MSTATUS_MIE};
+use crate::cpu::{Cpu, Exit};
 use crate::early::{Early, Line};
 use crate::fault::{Fault, Trouble};
 use crate::image::{Image, STORE, programmed_flash};
@@ -107,7 +107,6 @@ pub struct Chip<O> {
     started: u64,
     /// Cycles for which the processor did something since then.
     busy: u64,
-    interrupts_at_hand_over: bool,
     /// Longest wait of the fast loop's interrupt, cycles, and where the program let it in.
     longest_wait: (u64, u32),
 }
@@ -137,7 +136,6 @@ impl<O: Outside> Chip<O> {
             reason: ResetReason::PowerOn,
             started: 0,
             busy: 0,
-            interrupts_at_hand_over: false,
             longest_wait: (0, 0),
         };
         chip.power_on();
@@ -151,13 +149,6 @@ impl<O: Outside> Chip<O> {
         self.boot(ResetReason::PowerOn);
     }
 
-    /// Hands over with interrupts enabled, as some boot loaders do. Without this call they are off, as the
-    /// architecture has them after a reset.
-    pub fn hand_over_with_interrupts(&mut self) {
-        self.interrupts_at_hand_over = true;
-        self.cpu.mstatus |= MSTATUS_MIE;
-    }
-
     fn boot(&mut self, reason: ResetReason) {
         self.reason = reason;
         self.rom.reset_reason = reason.code();
@@ -168,9 +159,6 @@ impl<O: Outside> Chip<O> {
         self.cpu.tick.abandon();
         self.cpu.charge_misses(cycles(self.silicon.cache_miss));
         self.cpu.cycles = now;
-        if self.interrupts_at_hand_over {
-            self.cpu.mstatus |= MSTATUS_MIE;
-        }
         self.soc.reset(now, reason.code());
         self.radio.reset();
         self.network.silence.end(Silence::UntilRestarted);

@@ -94,9 +94,9 @@ struct Chain {
     decay: Decay,
     encoder: Encoder,
     current_sensor: Option<CurrentSensor>,
-    /// Order that is in force.
+    /// Actuation that is in force.
     bridge: Bridge,
-    /// Order of the tick before: in force only later than a tick after its samples where the carrier is slow.
+    /// Actuation of the tick before: in force only later than a tick after its samples where the carrier is slow.
     before: Bridge,
 }
 

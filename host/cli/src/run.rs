@@ -222,14 +222,14 @@ impl HeightCheck {
 }
 
 /// A connected robot with its poses.
-pub struct Walk {
+pub struct Run {
     connection: Connection,
     source: Poses,
     interrupt: Interrupt,
     heights: HeightCheck,
 }
 
-impl Walk {
+impl Run {
     /// Connects to the pose source, then to the robot.
     ///
     /// # Errors
