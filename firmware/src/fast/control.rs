@@ -15,7 +15,7 @@ use flix_protocol::units::Instant;
 use crate::fast::aligner::{self, Aligner, Progress};
 use crate::fast::configuration::{Configuration, DIAGNOSTIC_TICKS};
 use crate::fast::exchange::{Asked, MotorReport, Report};
-use crate::fast::foc::burning::direct_current;
+use crate::fast::foc::burning::{self, direct_current};
 use crate::fast::foc::current::{CurrentLoop, Input};
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::Rotor;
@@ -43,6 +43,8 @@ const OBSERVED: u32 = 9;
 const RANGED: u32 = 5;
 /// The current that burns what the rotors lose grows by this share of the limit with each update of the shaker, 2^-3: within 3 ms.
 const BURNING_SHIFT: u32 = 3;
+/// It fades by this share an update, 2^-5: in 12.8 ms, three times the time constant of 3 mH and 0.75 ohm.
+const FADING_SHIFT: u32 = 5;
 /// Ticks after a multiple of [`LOOK_TICKS`] that look at the voltage headroom of a motor: two more such ticks.
 const LOOKED_AT_TOP: u32 = 7;
 const LOOKED_AT_BOTTOM: u32 = 15;
@@ -595,13 +597,19 @@ impl Control {
         let reverses = self.setpoint.raw() ^ self.shaker.frequency().raw() < 0;
         let burns = self.shaker.gives_back()
             || self.shaker.slowing() && (reverses || !self.headroom.limits(self.setpoint));
-        if per_speed == 0 || !burns {
+        let before = self.references[index].d;
+        if per_speed == 0 || !burns && weakening <= before {
             return Rotor { d: weakening, q };
+        }
+        if !burns {
+            // What the inductance holds goes into the winding, not back: slower than in any winding that is shorted.
+            let fading = before - Current::from_raw(before.raw() >> FADING_SHIFT);
+            return Rotor { d: fading.within(burning::room(q, limit)).min(weakening), q };
         }
         let speed = configuration.electrical_speed(index, speed);
         let burning = direct_current(per_speed, speed, q, limit);
         // A step of all of it would overshoot by half.
-        let begins = self.references[index].d - Current::from_raw(limit.raw() >> BURNING_SHIFT);
+        let begins = before - Current::from_raw(limit.raw() >> BURNING_SHIFT);
         Rotor { d: burning.max(begins).min(weakening), q }
     }
 

@@ -27,9 +27,7 @@ pub(crate) fn current_per_speed(resistance: f64, flux_linkage: f64) -> f64 {
     MARGIN * 0.5 * flux_linkage / resistance
 }
 
-/// Returns the direct current with which a motor at this speed gives nothing back, as far as the
-/// torque-making current leaves room below 7/8 of `limit`: while both change, each in its own way, together they pass what either
-/// may. `per_speed`: in 2^-[`PER_SPEED_BITS`] A per (turn per tick); zero asks for none.
+/// Returns the direct current with which a motor at this speed gives nothing back, as far as there is [`room`]. `per_speed`: in 2^-[`PER_SPEED_BITS`] A per (turn per tick); zero asks for none.
 #[inline(always)]
 pub(crate) fn direct_current(
     per_speed: i32,
@@ -37,14 +35,21 @@ pub(crate) fn direct_current(
     current_q: Current,
     limit: Current,
 ) -> Current {
+    let burning = shifted(multiply_high(magnitude(speed.raw()), per_speed), 16 - PER_SPEED_BITS);
+    -Current::from_raw(burning).within(room(current_q, limit))
+}
+
+/// Returns the direct current for which the torque-making current leaves room below 7/8 of `limit`: while both change, each in its
+/// own way, together they pass what either may.
+#[inline(always)]
+pub(crate) fn room(current_q: Current, limit: Current) -> Current {
     let square = |current: Current| {
         let size = (current.magnitude().raw() >> SQUARED_SHIFT) as u32;
         size.saturating_mul(size)
     };
     let limit = Current::from_raw(limit.raw() - (limit.raw() >> 3));
     let room = square(limit).saturating_sub(square(current_q)).isqrt() << SQUARED_SHIFT;
-    let burning = shifted(multiply_high(magnitude(speed.raw()), per_speed), 16 - PER_SPEED_BITS);
-    -Current::from_raw(burning).within(Current::from_raw(room as i32))
+    Current::from_raw(room as i32)
 }
 
 #[cfg(test)]
