@@ -141,6 +141,26 @@ fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_sta
     }
 }
 
+/// Its angle is that of the alignment: the current that speeds it up would seem larger, and its resistance with it.
+#[test]
+fn a_magnet_that_slips_while_it_is_measured_is_named() {
+    let model = stranger(9_201);
+    for (motor, slip, after) in [(1, -3.0, 47), (0, -2.0, 58), (1, 2.0, 62), (0, 1.0, 66)] {
+        let mut robot = Watched::power_up(model.clone(), 9_201).unwrap();
+        let from = robot.operation.now() + Duration::from_secs(after);
+        let until = from + Duration::from_secs(300);
+        let slips = HardwareFault::EncoderJumps(motor, 1, slip);
+        robot.operation.robot.disturb(Injected::new(slips, from, until, 1));
+        let known = Known { rotor_inertia: Some(rotor_inertia(&model.shaker)), battery: None };
+        let found = commission(&mut robot, &known, |_| {});
+        let Err(CommissionError::Found(Finding::MagnetSlips { motor: named, degrees })) = found
+        else {
+            panic!("{slip} after {after} s: {found:?}");
+        };
+        assert!(named == motor && (degrees + slip).abs() < 0.1, "{named}: {degrees} for {slip}");
+    }
+}
+
 /// It moves, and what a rotor takes with it: values are then less exact, but nothing is wrong.
 #[test]
 fn a_robot_that_stands_on_its_legs_is_commissioned_too() {

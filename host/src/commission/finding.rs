@@ -239,6 +239,17 @@ pub enum Finding {
         /// The frequency that was held, Hz.
         frequency: f64,
     },
+    /// The angle between magnets and encoder changed.
+    #[error(
+        "the encoder of the {} motor turned against its rotor by {degrees:.1} degrees meanwhile: fix its magnet and the \
+         encoder, and start again", motor_name(*motor)
+    )]
+    MagnetSlips {
+        /// Names the motor: 0 is the top one.
+        motor: usize,
+        /// By how much, degrees of the rotor.
+        degrees: f64,
+    },
     /// What it takes changed among its ramps.
     #[error(
         "the current that the {} rotor takes changed meanwhile, by {:.0} % of what speeds it up: does something rub on it now and \

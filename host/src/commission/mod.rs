@@ -107,6 +107,9 @@ const CALM: f64 = 6.0;
 /// Standard deviation of a rotor's speed, as a share of it, from which on the angle that swings with it makes the back-EMF look a
 /// hundredth smaller. Rotors of a robot on its legs swing by up to 0.02.
 const LARGEST_SWING: f64 = 0.03;
+/// Where magnets are farther from where the alignment found them, electrical rad, they or the encoder have slipped: the current that
+/// speeds a rotor up seems a two-hundredth larger then. Of robots that are right it is 0.02.
+const LARGEST_SLIP: f64 = 0.1;
 /// Phase voltage that a bridge gives, as a share of the bus.
 const PHASE_SHARE: f64 = 0.577;
 const QUICK: [f64; 2] = [125.0, 20.0];
@@ -374,7 +377,16 @@ impl Runs {
         let ends = RAMP_SHARES.map(|share| share * fastest);
         let per_hertz = TAU * self.inertia / (1.5 * pairs * flux[0].max(flux[1]));
         let slopes = desk.ramps(ends, ramp, per_hertz, self.measures_bus)?;
+        let last = desk.steady(Step::Ramps, fastest, ramp)?;
         desk.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
+        for (motor, steady) in last.iter().enumerate() {
+            // The latency is right by now.
+            let BackEmf { ahead, .. } = BackEmf::of(steady, &circuits[motor], pairs);
+            if ahead.abs() > LARGEST_SLIP {
+                let degrees = (ahead / pairs).to_degrees();
+                return Err(CommissionError::Found(Finding::MagnetSlips { motor, degrees }));
+            }
+        }
         Ok(Ran { flux, latency, slopes })
     }
 }
