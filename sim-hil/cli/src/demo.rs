@@ -22,7 +22,7 @@ use flix_sim::rig::bench::{Base, bench, setpoint};
 use flix_sim::rig::operation::Operation;
 use flix_sim::rig::simulated::Truth;
 
-/// Shake through the paper's five walking modes and a reversal, then walk a figure eight
+/// Shake through the paper's five walking modes and a reversal, then walk a figure eight: figures, plot, replay
 #[derive(Debug, Clone, clap::Args)]
 #[command(after_help = "Examples:\n  flix-sim demo\n  flix-sim demo --seed 7 --out /tmp/flix")]
 pub struct Args {

@@ -50,49 +50,28 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Shake through the paper's five walking modes, then walk a figure eight: figures, plot, replay
     Demo(demo::Args),
-    /// Serve a simulated robot on the network, in real time
     Serve(serve::Args),
-    /// Measure how well f and theta are held over their whole range
     Accuracy(accuracy::Args),
-    /// Let robots with unknown motors find their own values, and check these
     Commission(commission::Args),
-    /// Draw settings, judge them by the robot's stability margin, and run those nearest its border
     Shiver(shiver::Args),
-    /// Inject every fault in every walking mode at every onset and report what the robot does
     Faults(faults::Args),
-    /// Attack live robots over their link and count what the attack achieves
     Adversary(adversary::Args),
-    /// Run robots through hours of random commands, faults and link trouble, in virtual time
     Soak(soak::Args),
-    /// Walk at one f and theta: mean speeds over several seeds, a picture of the track, a replay
     Walk(walk::Args),
-    /// Drop the robot from 20 mm, wait until it rests, and weigh it
     Rest(rest::Args),
-    /// Load the tip of one clamped leg, release it and measure how it rings
     Leg(leg::Args),
-    /// List natural frequencies, damping ratios and shapes of small motions
     #[command(alias = "modes")]
     Eigenmodes(eigenmodes::Args),
-    /// Report the amplitudes of the shaker's forces and of the body's motion
     Shake(shake::Args),
-    /// Compute every figure of the reference table, or others, and check whether they agree
     Validate(validate::Args),
-    /// Write the model as MJCF for MuJoCo
     ExportMjcf(export_mjcf::Args),
-    /// Write the model as URDF for Foxglove, Lichtblick, Rerun or RViz
     ExportUrdf(export_urdf::Args),
-    /// Follow a path with the whole simulated robot, in virtual time
     Track(track::Args),
-    /// Return to the origin after pushes, in virtual time
     Home(home::Args),
-    /// Identify the walking modes of a simulated robot and write its mode table, in virtual time
     Identify(identify::Args),
     Learn(learn::Args),
-    /// Repeat the paper's studies, one command each
     Study(study::Args),
-    /// Print the completion script of a shell
     Completions(completions::Args),
     /// Write the manual pages into a folder
     #[command(after_help = "Example:\n  flix-sim man ~/.local/share/man/man1")]

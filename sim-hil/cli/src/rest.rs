@@ -8,7 +8,9 @@ use super::output::print_figures;
 use flix_sim::experiment::probe::{self, Posture, Rest};
 use flix_sim::experiment::walk::DEFAULT_STEP;
 
-/// Drop the robot from 20 mm, wait until it rests, and weigh it; fails when it does not come to rest within 5 s
+/// Drop the robot from 20 mm, wait until it rests, and weigh it
+///
+/// Fails when it does not come to rest within 5 s.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  flix-sim rest\n  flix-sim rest --model A --json")]
 pub struct Args {
