@@ -3,7 +3,7 @@
 //!
 //! - **Who**: only the operator that holds the session of [`flix_protocol::session`]. Whenever a
 //!   session begins or is left, the robot ramps down and disarms: nobody inherits a running robot.
-//! - **When**: arming is explicit, and wants a link that was steady for [`PROVING_TIME`]. From then
+//! - **When**: arming is explicit, and wants a link that was steady for [`PROVING_TIME`](flix_protocol::failsafe::PROVING_TIME). From then
 //!   on commands are signs of life: any command while the rotors rest, setpoints alone while they
 //!   are asked to shake. The fast half itself watches their age ([`Asked::heard`]), so that its
 //!   deadlines hold even when this half hangs.
