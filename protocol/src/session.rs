@@ -66,7 +66,7 @@
 //! A session belongs to the address and port that opened it: its holder. While the holder's
 //! newest fresh datagram arrived within the last [`HOLDER_SILENCE`], the robot refuses all others as
 //! held, even with the right key, and names the holder. A session that has just opened counts as heard
-//! at the moment of its Challenge.
+//! at the moment of its Challenge, or when its holder was last heard in its session before.
 //! There are three exceptions. A holder that said goodbye is gone at once. A handshake with the
 //! holder's own key from its address and port is the holder, which lost its session; it takes over at
 //! once. A session whose operator is revoked ends at once ([`RobotSession::set_operators`]).

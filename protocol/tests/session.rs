@@ -695,6 +695,27 @@ fn a_confirm_that_was_held_back_keeps_the_next_operator_out_no_longer_than_silen
 }
 
 #[test]
+fn a_holder_that_connects_anew_was_heard_in_its_session_before() {
+    let mut ends = Ends::connected();
+    let last = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
+    ends.operator.connect(ends.now);
+    let hello = ends.operator.poll(ends.now).unwrap();
+    let challenge = answer(ends.robot_hears(&hello), hello.len()).unwrap();
+    ends.operator_hears(&challenge);
+    let confirm = ends.operator.poll(ends.now).unwrap();
+    ends.wait(Duration::from_millis(300));
+    let heard = ends.now;
+    assert!(matches!(ends.robot_hears(&last), RobotReceived::Command(_)));
+    ends.wait(Duration::from_millis(500));
+    assert!(matches!(ends.robot_hears(&confirm), RobotReceived::Connected(_)));
+    let hello = second_operator(ends.now).poll(ends.now).unwrap();
+    let before = ends.robot.receive(heard + (HOLDER_SILENCE - TICK), SECOND_OPERATOR, &hello);
+    assert!(matches!(before, RobotReceived::Dropped(DropReason::Busy, Some(_))), "{before:?}");
+    let after = ends.robot.receive(heard + HOLDER_SILENCE, SECOND_OPERATOR, &hello);
+    assert!(matches!(after, RobotReceived::Answer(_)), "{after:?}");
+}
+
+#[test]
 fn stop_and_disarm_reach_the_robot_at_any_age_and_in_any_order() {
     for kind in [Command::Stop, Command::Disarm] {
         let mut ends = Ends::connected();

@@ -371,6 +371,9 @@ impl RobotSession {
         let publics = [client_public, &ephemeral.public()];
         let keys = SessionKeys::first(key, [client_nonce, robot_nonce], publics, &shared);
         let answer = frame::accept(keys.session, publics[1], |it| signer.tag(it, &[claimed]));
+        // A holder that connects anew was heard in its session before, too.
+        let before = self.holder.as_ref().filter(|it| it.peer == from && it.key_id == *key_id);
+        let heard = before.map_or(moment, |it| it.heard.max(moment));
         self.holder = Some(Holder {
             peer: from,
             name: *name,
@@ -379,7 +382,7 @@ impl RobotSession {
             accept: answer.clone(),
             channel: Channel::robot(&keys, now),
             sent: SendTimes::new(now),
-            heard: moment,
+            heard,
             moment,
             newest_command: None,
             renewal: None,
