@@ -20,8 +20,12 @@ type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Pause between two looks at a condition.
 const LOOK: Duration = Duration::from_millis(20);
+/// Pause before a key is pressed again.
+const AGAIN: Duration = Duration::from_secs(1);
 /// From the load to the first motion, s of the page's clock.
 const FIRST_MOTION_S: f64 = 5.0;
+/// Whether the page says that it took an input too late.
+const LATE: &str = "document.getElementById('note').textContent.includes('passed over')";
 const ENTER: char = '\u{e007}';
 
 /// Opens the page; nothing where it is to be skipped.
@@ -57,6 +61,24 @@ fn wait(browser: &Browser, condition: &str) -> Outcome<()> {
     Err(format!("still not: {condition}; the page shows:\n{text}").into())
 }
 
+/// Presses a key until a JavaScript expression is true; again where the page was too busy to take it in time, as a person
+/// does who reads that. Returns whether the first time was enough.
+fn press(browser: &Browser, key: char, condition: &str) -> Outcome<bool> {
+    let begin = Instant::now();
+    for presses in 1.. {
+        browser.press(key)?;
+        wait(browser, &format!("{condition} || {LATE}"))?;
+        if browser.run(&format!("return Boolean({condition})"))?.as_bool() == Some(true) {
+            return Ok(presses == 1);
+        }
+        if begin.elapsed() > PATIENCE {
+            break;
+        }
+        std::thread::sleep(AGAIN);
+    }
+    Err(format!("the page is too busy for {key:?}").into())
+}
+
 fn state(name: &str) -> String {
     format!("document.getElementById('state').dataset.state === '{name}'")
 }
@@ -65,15 +87,12 @@ fn state(name: &str) -> String {
 fn a_visitor_drives_and_breaks_the_robot() -> Outcome<()> {
     let Some(browser) = open()? else { return Ok(()) };
     wait(&browser, "!document.querySelector('.row [data-do=arm]').disabled")?;
-    browser.press(ENTER)?;
-    wait(&browser, &state("armed"))?;
-    browser.press('w')?;
-    wait(
-        &browser,
-        "Math.abs(parseFloat(document.getElementById('f').textContent.replace('−', '-'))) > 25",
-    )?;
+    let shakes =
+        "Math.abs(parseFloat(document.getElementById('f').textContent.replace('−', '-'))) > 25";
+    let in_time = press(&browser, ENTER, &state("armed"))? & press(&browser, 'w', shakes)?;
     let seconds = browser.run("return performance.now() / 1000")?.as_f64().ok_or("no time")?;
-    assert!(seconds < FIRST_MOTION_S, "it walks after {seconds} s");
+    // A page that has to wait for its turn says nothing about itself.
+    assert!(!in_time || seconds < FIRST_MOTION_S, "it walks after {seconds} s");
 
     browser.run("const fault = document.getElementById('fault'); fault.value = 'top encoder lost'; fault.onchange()")?;
     wait(&browser, &state("faulted"))?;
@@ -81,6 +100,21 @@ fn a_visitor_drives_and_breaks_the_robot() -> Outcome<()> {
         &browser,
         "/encoder.*Then press Clear/s.test(document.getElementById('banner-text').textContent)",
     )?;
+    Ok(())
+}
+
+#[test]
+fn an_input_that_a_busy_page_takes_late_does_nothing_and_is_named() -> Outcome<()> {
+    let Some(browser) = open()? else { return Ok(()) };
+    wait(&browser, "!document.querySelector('.row [data-do=arm]').disabled")?;
+    browser.run(
+        "const key = new KeyboardEvent('keydown', { key: 'Enter', bubbles: true });
+        const end = performance.now() + 500;
+        while (performance.now() < end);
+        document.body.dispatchEvent(key)",
+    )?;
+    wait(&browser, LATE)?;
+    assert_eq!(browser.run(&format!("return {}", state("disarmed")))?.as_bool(), Some(true));
     Ok(())
 }
 
