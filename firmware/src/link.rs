@@ -168,12 +168,6 @@ impl Link {
         &self.report
     }
 
-    /// Returns whether the robot has an operator's key.
-    #[must_use]
-    pub fn is_provisioned(&self) -> bool {
-        self.session.is_provisioned()
-    }
-
     /// Returns the address of the operator who holds the session.
     #[must_use]
     pub fn operator(&self, now: Instant) -> Option<SocketAddr> {

@@ -1006,9 +1006,8 @@ fn a_robot_says_who_it_is_and_who_holds_it() {
     let restarted = Identity { reset: ResetReason::BrownOut, ..identity("daisy", &hardware) };
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(restarted));
     assert_eq!(ends.say(Command::Ping(41)), Outcome::Pong(41));
-    assert!(ends.link.is_provisioned());
     ends.link.set_operators(None);
-    assert!(!ends.link.is_provisioned());
+    assert_eq!(ends.link.operator(ends.now), None, "nobody has a key");
 }
 
 #[test]

@@ -537,7 +537,7 @@ fn a_page_that_is_closed_clears_nothing_any_more() {
     for closes in [true, false] {
         let mut room = Room::walking();
         room.act(ANNA, Action::Stop);
-        room.robot.ramps_down_for = 20;
+        room.robot.ramps_down_for = 40;
         room.act(ANNA, Action::Clear);
         room.lively.clear();
         if closes {

@@ -262,7 +262,7 @@ fn what_is_insisted_on_is_asked_again_while_the_robot_refuses_for_what_passes() 
 
 #[test]
 fn what_is_insisted_on_is_refused_once_patience_is_over_and_at_once_for_what_stays() {
-    let patience = Duration::from_millis(250);
+    let patience = TRY_AGAIN * 5 / 2;
     let mut world = World::connected();
     world.robot.ramps_down_for = 100;
     let arm = world.client.insist(world.now, Command::Arm, patience);

@@ -529,14 +529,6 @@ fn a_datagram_reflected_to_its_sender_is_dropped() {
 }
 
 #[test]
-fn a_robot_is_provisioned_while_it_has_an_operator() {
-    let mut robot = RobotSession::new(None, [11; 32]);
-    let before = robot.is_provisioned();
-    robot.set_operators(Some(key(1)));
-    assert_eq!([before, robot.is_provisioned()], [false, true]);
-}
-
-#[test]
 fn a_session_belongs_to_the_address_that_opened_it() {
     let mut ends = Ends::connected();
     let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();

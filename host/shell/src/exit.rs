@@ -142,17 +142,18 @@ impl From<LinkError> for Error {
     }
 }
 
-impl From<KeyError> for Error {
-    fn from(error: KeyError) -> Self {
-        Self::usage(error)
-    }
+/// What is wrong with a file that a command was given.
+macro_rules! of_usage {
+    ($($kind:ty),*) => {
+        $(impl From<$kind> for Error {
+            fn from(error: $kind) -> Self {
+                Self::usage(error)
+            }
+        })*
+    };
 }
 
-impl From<ModeTableError> for Error {
-    fn from(error: ModeTableError) -> Self {
-        Self::usage(error)
-    }
-}
+of_usage!(KeyError, ModeTableError, RecordError, RepairError, SheetError);
 
 impl From<SerialError> for Error {
     fn from(error: SerialError) -> Self {
@@ -167,12 +168,6 @@ impl From<SerialError> for Error {
     }
 }
 
-impl From<SheetError> for Error {
-    fn from(error: SheetError) -> Self {
-        Self::usage(error)
-    }
-}
-
 impl From<ReadError> for Error {
     fn from(error: ReadError) -> Self {
         let exit = match error {
@@ -180,18 +175,6 @@ impl From<ReadError> for Error {
             _ => Exit::Usage,
         };
         Self::new(exit, error)
-    }
-}
-
-impl From<RecordError> for Error {
-    fn from(error: RecordError) -> Self {
-        Self::usage(error)
-    }
-}
-
-impl From<RepairError> for Error {
-    fn from(error: RepairError) -> Self {
-        Self::usage(error)
     }
 }
 

@@ -72,7 +72,7 @@ pub const SILENCE: Duration = HOLDER_SILENCE;
 pub const ANSWER_TIME: Duration = Duration::from_secs(1);
 
 /// Interval at which a request that was refused because of a state that passes is repeated.
-pub const TRY_AGAIN: Duration = Duration::from_millis(100);
+pub const TRY_AGAIN: Duration = Duration::from_millis(50);
 /// Time for which the answer to the last copy of such a request is awaited: a robot does not obey older ones.
 pub(crate) const LAST_ANSWER: Duration = Duration::from_millis(500);
 /// Longest time in which a state that passes by itself ends: the motors are aligned, the rotors at

@@ -187,12 +187,6 @@ impl RobotSession {
         self.holder = None;
     }
 
-    /// Returns whether the robot has a key.
-    #[must_use]
-    pub fn is_provisioned(&self) -> bool {
-        !self.credentials.is_empty()
-    }
-
     /// Returns the address of the operator that holds the session: messages go there.
     #[must_use]
     pub fn peer(&self, now: Instant) -> Option<SocketAddr> {

@@ -4,6 +4,7 @@
 //! it must have after two more starts.
 
 use flix_firmware::board::EncoderKind;
+use flix_host::link::LinkError;
 use flix_protocol::message::{Command, Fault, Outcome, ParameterCommand};
 use flix_protocol::provision::{Answer, Request};
 use flix_protocol::session::Key;
@@ -260,7 +261,7 @@ fn set_and_save(rig: &mut Rig, value: f32) -> Result<usize, RigError> {
     let name = SETTING.0.try_into().map_err(|_| RigError::OtherAnswer)?;
     for command in [ParameterCommand::Set(name, value), ParameterCommand::Save] {
         if let Outcome::Refused(refusal) = rig.ask(Command::Parameter(command))? {
-            return Err(RigError::Refused(refusal));
+            return Err(LinkError::Refused(refusal).into());
         }
     }
     Ok(rig.chip.flash().operations().len())

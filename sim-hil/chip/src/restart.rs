@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use flix_host::link::LinkError;
 use flix_protocol::message::{Command, Outcome, ParameterCommand, ResetReason, State};
 use serde::Serialize;
 
@@ -82,7 +83,7 @@ fn erase(rig: &mut Rig) -> Result<(), RigError> {
     let from = rig.chip.flash().operations().len();
     for _ in 0..SAVES {
         match rig.ask(Command::Parameter(ParameterCommand::Save))? {
-            Outcome::Refused(refusal) => return Err(RigError::Refused(refusal)),
+            Outcome::Refused(refusal) => return Err(LinkError::Refused(refusal).into()),
             _ => rig.run(MOMENT)?,
         }
         let fresh = &rig.chip.flash().operations()[from..];

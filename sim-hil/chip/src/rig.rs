@@ -3,15 +3,15 @@
 use std::time::Duration;
 
 use flix_firmware::board::{EncoderKind, PWM_FREQUENCY_HZ};
-use flix_host::link::{Client, Update};
+use flix_host::link::{ARM_PATIENCE, Arming, Client, LinkError, Update};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::message::{
-    Command, Faults, OperatorName, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
+    Command, OperatorName, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
 };
 use flix_protocol::provision::{
     Answer, FixedAddress, FrameReader, Provisioning, Request, write_frame,
 };
-use flix_protocol::session::{ConnectError, Key, Operator};
+use flix_protocol::session::{Key, Operator};
 use flix_protocol::units::Instant;
 use flix_sim::plant::Diverged;
 use flix_sim::rig::simulated::Truth;
@@ -51,15 +51,9 @@ pub enum RigError {
     /// The mechanics' state is useless.
     #[error(transparent)]
     Diverged(#[from] Diverged),
-    /// No session.
-    #[error("no session with the robot: {0}")]
-    Connect(ConnectError),
-    /// The robot will not.
-    #[error("the robot refused: {0}")]
-    Refused(Refusal),
-    /// A fault of the robot.
-    #[error("the robot has a fault: {0}")]
-    Faulted(Faults),
+    /// The robot does not do what it is asked.
+    #[error(transparent)]
+    Link(#[from] LinkError),
     /// It took too long.
     #[error("no {awaited} within {} s", PATIENCE.as_secs())]
     TooLate {
@@ -531,7 +525,7 @@ impl Rig {
                     return found.map(Some);
                 }
                 if let Update::Failed(error) = update {
-                    return Err(RigError::Connect(error));
+                    return Err(LinkError::Connect(error).into());
                 }
             }
             Ok(None)
@@ -582,26 +576,30 @@ impl Rig {
     /// # Errors
     /// When the robot refuses, or has a fault.
     pub fn arm(&mut self) -> Result<(), RigError> {
-        let end = self.chip.cycles() + cycles(PATIENCE);
         loop {
-            match self.ask(Command::Arm)? {
-                Outcome::Done => break,
-                Outcome::Refused(
+            match self.arm_as_it_is() {
+                Err(RigError::Link(LinkError::Refused(
                     Refusal::Assumed { name } | Refusal::AssumedUnmeasured { name },
-                ) => {
+                ))) => {
                     let value = self.setting(&name)? as f32;
                     self.ask(Command::Parameter(ParameterCommand::Set(name, value)))?;
                 }
-                // Soon after connecting or disarming: asked again.
-                Outcome::Refused(_) if self.chip.cycles() < end => {
-                    self.run(Duration::from_millis(50))?;
-                }
-                Outcome::Refused(refusal) => return Err(RigError::Refused(refusal)),
-                _ => return Err(RigError::OtherAnswer),
+                ended => return ended,
             }
         }
-        self.hold(Setpoint::REST);
-        self.await_state(&[State::Armed, State::Running])
+    }
+
+    fn arm_as_it_is(&mut self) -> Result<(), RigError> {
+        let now = self.now();
+        let Some(client) = &mut self.client else { return Err(RigError::OtherAnswer) };
+        let mut arming = Arming::begin(now, client, now + ARM_PATIENCE);
+        self.until("armed robot", |rig| {
+            let now = rig.now();
+            let Some(client) = &mut rig.client else { return Err(RigError::OtherAnswer) };
+            let ended = arming.advance(now, client);
+            rig.telemetry = client.telemetry().copied();
+            Ok(ended.transpose()?)
+        })
     }
 
     /// Waits until telemetry shows one of these states.
@@ -613,7 +611,7 @@ impl Rig {
         self.await_update("state", |update| match update {
             Update::Telemetry(telemetry) if states.contains(&telemetry.state) => Some(Ok(())),
             Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
-                Some(Err(RigError::Faulted(telemetry.faults)))
+                Some(Err(LinkError::faulted(telemetry).into()))
             }
             _ => None,
         })
@@ -671,7 +669,7 @@ impl Rig {
         }
         match self.ask(Command::Disarm)? {
             Outcome::Done => self.await_state(&[State::Disarmed]),
-            Outcome::Refused(refusal) => Err(RigError::Refused(refusal)),
+            Outcome::Refused(refusal) => Err(LinkError::Refused(refusal).into()),
             _ => Err(RigError::OtherAnswer),
         }
     }

@@ -7,6 +7,7 @@
 use std::f64::consts::PI;
 use std::time::Duration;
 
+use flix_host::link::LinkError;
 use flix_host::nav::{self, Twist, wrap};
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
@@ -290,7 +291,8 @@ fn by_firmware(
     }
     let report = operation.robot.report();
     if !report.faults.is_empty() {
-        return Err(OperationError::Faulted(report.faults).into());
+        let faulted = LinkError::Faulted { first: report.first_fault, all: report.faults };
+        return Err(OperationError::Link(faulted).into());
     }
     let spent = operation.robot.electronics().battery().delivered() - spent;
     Ok(odometer.finish(&operation.robot.mechanics().body(), spent))

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use flix_firmware::fast::margin::{LEAST_MARGIN, Margins};
 use flix_firmware::settings::Settings;
+use flix_host::link::LinkError;
 use flix_protocol::message::{Refusal, Setpoint};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -143,10 +144,12 @@ pub fn run(set: &Set, seed: u64) -> Result<Verdict, BenchError> {
     let mut operation = Subject { model: Some(model), seed }.on(base)?;
     match operation.arm() {
         Ok(()) => {}
-        Err(OperationError::Refused(
+        Err(OperationError::Link(LinkError::Refused(
             refusal @ (Refusal::UnstablePosition { .. } | Refusal::UnstableCurrent { .. }),
-        )) => return Ok(Verdict::Refused(refusal.to_string())),
-        Err(OperationError::Faulted(faults)) => return Ok(Verdict::Faulted(faults.to_string())),
+        ))) => return Ok(Verdict::Refused(refusal.to_string())),
+        Err(OperationError::Link(LinkError::Faulted { all, .. })) => {
+            return Ok(Verdict::Faulted(all.to_string()));
+        }
         Err(error) => return Err(error.into()),
     }
     operation.hold(setpoint(DRIVEN_HZ, 0.0)?);

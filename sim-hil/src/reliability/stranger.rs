@@ -8,6 +8,7 @@ use std::time::Duration;
 use flix_host::commission::{
     CommissionError, Commissioned, Known, Subject as Commissionable, commission, motor_name,
 };
+use flix_host::link::{LinkError, passes};
 use flix_protocol::message::{
     Command, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
 };
@@ -246,12 +247,10 @@ impl Commissionable for Watched {
         let end = self.operation.now() + PATIENCE;
         loop {
             match self.operation.ask(command.clone())? {
-                Outcome::Refused(refusal)
-                    if flix_host::link::passes(&refusal) && self.operation.now() < end =>
-                {
+                Outcome::Refused(refusal) if passes(&refusal) && self.operation.now() < end => {
                     self.pause(Duration::from_millis(20))?;
                 }
-                Outcome::Refused(refusal) => return Err(OperationError::Refused(refusal)),
+                Outcome::Refused(refusal) => return Err(LinkError::Refused(refusal).into()),
                 outcome => return Ok(outcome),
             }
         }
@@ -282,7 +281,7 @@ impl Commissionable for Watched {
 
     fn refusal(error: &OperationError) -> Option<&Refusal> {
         match error {
-            OperationError::Refused(refusal) => Some(refusal),
+            OperationError::Link(LinkError::Refused(refusal)) => Some(refusal),
             _ => None,
         }
     }

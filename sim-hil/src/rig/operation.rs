@@ -6,12 +6,10 @@
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
-use flix_host::link::{Client, Update};
+use flix_host::link::{ARM_PATIENCE, Arming, Client, LinkError, Update};
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{
-    Command, Faults, Outcome, ParameterCommand, Refusal, Setpoint, State,
-};
-use flix_protocol::session::{ConnectError, Key, StopSession};
+use flix_protocol::message::{Command, Outcome, ParameterCommand, Setpoint, State};
+use flix_protocol::session::{Key, StopSession};
 use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -20,7 +18,7 @@ use crate::plant::{Diverged, Mechanics};
 use crate::rig::channel::{Channel, ChannelParameters};
 use crate::rig::simulated::{SimulatedRobot, Truth};
 
-/// How long an operator waits for what he asked: connecting, arming (which may align first), answers.
+/// How long an operator waits for what he asked: connecting, answers.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
 /// The simulation did not do what its operator asked.
@@ -29,15 +27,9 @@ pub enum OperationError {
     /// The plant's state is useless.
     #[error(transparent)]
     Diverged(#[from] Diverged),
-    /// No session.
-    #[error("no session with the simulated robot: {0}")]
-    Connect(ConnectError),
-    /// The robot will not.
-    #[error("the simulated robot refused: {0}")]
-    Refused(Refusal),
-    /// A fault.
-    #[error("the simulated robot has a fault: {0}")]
-    Faulted(Faults),
+    /// The robot does not do what it is asked.
+    #[error(transparent)]
+    Link(#[from] LinkError),
     /// It took too long.
     #[error("the simulated robot did not get to {awaited} within {} s", PATIENCE.as_secs())]
     TooLate {
@@ -278,7 +270,7 @@ impl<M: Mechanics> Operation<M> {
                     return Ok(found);
                 }
                 if let Update::Failed(error) = update {
-                    return Err(OperationError::Connect(error));
+                    return Err(LinkError::Connect(error).into());
                 }
             }
             self.tick()?;
@@ -315,7 +307,7 @@ impl<M: Mechanics> Operation<M> {
         let name = name.try_into().map_err(|_| OperationError::OtherAnswer)?;
         match self.ask(Command::Parameter(ParameterCommand::Get(name)))? {
             Outcome::Parameter(parameter) => Ok(f64::from(parameter.value)),
-            Outcome::Refused(refusal) => Err(OperationError::Refused(refusal)),
+            Outcome::Refused(refusal) => Err(LinkError::Refused(refusal).into()),
             _ => Err(OperationError::OtherAnswer),
         }
     }
@@ -330,20 +322,20 @@ impl<M: Mechanics> Operation<M> {
         if !self.client().is_connected(now) {
             self.connect()?;
         }
-        let end = self.now() + PATIENCE;
+        let now = self.shown();
+        let mut arming = Arming::begin(now, self.client(), now + ARM_PATIENCE);
+        let mut has_obeyed = false;
         loop {
-            match self.ask(Command::Arm)? {
-                Outcome::Done => break,
-                Outcome::Refused(Refusal::LinkUnproven | Refusal::Rested) if self.now() < end => {
-                    self.run(Duration::from_millis(50), |_| {})?;
-                }
-                Outcome::Refused(refusal) => return Err(OperationError::Refused(refusal)),
-                _ => return Err(OperationError::OtherAnswer),
+            let now = self.shown();
+            if let Some(ended) = arming.advance(now, self.client()) {
+                return Ok(ended?);
             }
+            if arming.is_obeyed() && !has_obeyed {
+                has_obeyed = true;
+                self.hold(Setpoint::REST);
+            }
+            self.tick()?;
         }
-        // Rest, held, is the sign of life that keeps the robot armed.
-        self.hold(Setpoint::REST);
-        self.await_state(&[State::Armed, State::Running])
     }
 
     /// Runs until telemetry shows one of these states.
@@ -356,7 +348,7 @@ impl<M: Mechanics> Operation<M> {
         self.await_update("the awaited state", |update| match update {
             Update::Telemetry(telemetry) if states.contains(&telemetry.state) => Some(Ok(())),
             Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
-                Some(Err(OperationError::Faulted(telemetry.faults)))
+                Some(Err(LinkError::faulted(telemetry).into()))
             }
             _ => None,
         })?

@@ -95,7 +95,7 @@ pub struct Score {
 }
 
 /// What dominates in each of [`PAPER_PAIRS`].
-const MEANT: [(Component, f64); 9] = [
+const MEANT: [(Component, f64); PAPER_PAIRS.len()] = [
     (Component::Forward, 1.0),
     (Component::Forward, 1.0),
     (Component::Yaw, 1.0),
