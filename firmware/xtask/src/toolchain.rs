@@ -23,8 +23,8 @@ const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_LINKER: &str = "ld.lld-22";
 /// The toolchain that `espup install` brings.
 const ESP_TOOLCHAIN: &str = "esp";
-/// How long rustup may try to bring one thing.
-const RUSTUP_PATIENCE: Duration = Duration::from_secs(180);
+/// How long rustup may try to bring one thing: a busy machine unpacks `rustc-dev` for minutes.
+const RUSTUP_PATIENCE: Duration = Duration::from_secs(900);
 /// Profile of chip images, in the root manifest.
 pub(crate) const PROFILE: &str = "chip";
 /// A bare target with inline assembly, to stand in for Xtensa.
