@@ -21,8 +21,8 @@ use flix_protocol::message::{
     Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{
-    Key, Operator, OperatorReceived, OperatorSession, Operators, STOP_RETRY, Status, StopSession,
-    StopStatus,
+    ConnectError, Key, Operator, OperatorReceived, OperatorSession, Operators, STOP_RETRY, Status,
+    StopSession, StopStatus,
 };
 use flix_protocol::units::{Degrees, Hertz, Instant, Volts};
 
@@ -1006,8 +1006,25 @@ fn a_robot_says_who_it_is_and_who_holds_it() {
     let restarted = Identity { reset: ResetReason::BrownOut, ..identity("daisy", &hardware) };
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(restarted));
     assert_eq!(ends.say(Command::Ping(41)), Outcome::Pong(41));
+}
+
+#[test]
+fn a_robot_without_operators_opens_no_session() {
+    let mut ends = Ends::connected();
     ends.link.set_operators(None);
-    assert_eq!(ends.link.operator(ends.now), None, "nobody has a key");
+    assert_eq!(ends.link.operator(ends.now), None);
+    let mut newcomer = OperatorSession::new(key(), [5; 32], ends.now);
+    let mut frame = Frame::new();
+    while let Status::Connecting = newcomer.status(ends.now) {
+        if let Some(said) = newcomer.poll(ends.now) {
+            ends.link.receive(ends.now, outsider(), &said, &mut ends.tuning);
+        }
+        while ends.link.transmit(ends.now, ends.tuning.settings(), &mut frame) == Some(outsider()) {
+            let _ = newcomer.receive(ends.now, &frame);
+        }
+        ends.now = ends.now + MILLISECOND;
+    }
+    assert_eq!(newcomer.status(ends.now), Status::Failed(ConnectError::Unprovisioned));
 }
 
 #[test]

@@ -4,6 +4,7 @@
 
 use std::time::{Duration, Instant};
 
+use flix_host::link::Linked;
 use flix_sim::rig::bench::{Base, bench, setpoint};
 
 /// Virtual time that is timed, after a first stretch that warms up.

@@ -3,6 +3,7 @@
 
 use core::time::Duration;
 
+use flix_host::link::Linked;
 use flix_protocol::message::{Command, Faults};
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;

@@ -7,10 +7,9 @@ use std::time::Duration;
 use flix_firmware::hardware::Sensors;
 use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::voltage_mode::find_latency;
-use flix_host::commission::{CommissionError, Finding, Known, Step, Subject, commission};
-use flix_protocol::message::{
-    Command, Fault, Mark, Outcome, ParameterCommand, Refusal, Setpoint, Telemetry,
-};
+use flix_host::commission::{CommissionError, Finding, Known, Step, commission};
+use flix_host::link::{Client, LinkError, Linked};
+use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Refusal, Setpoint};
 use flix_protocol::units::Instant;
 use flix_sim::model::{Electrical, RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::Plant;
@@ -269,7 +268,7 @@ fn weak_windings_without_current_sense_carry_no_more_than_2_a_whatever_is_unknow
 fn set(robot: &mut Watched, settings: &[(&str, f32)]) {
     for (name, value) in settings {
         let put = ParameterCommand::Set((*name).try_into().unwrap(), *value);
-        let outcome = robot.operation.ask(Command::Parameter(put)).unwrap();
+        let outcome = robot.operation.request(Command::Parameter(put)).unwrap();
         assert!(matches!(outcome, Outcome::Parameter(_)), "{name}: {outcome:?}");
     }
 }
@@ -356,14 +355,22 @@ impl Leaving<'_> {
             self.left = self.left.saturating_sub(1);
         }
         match self.left {
-            0 => Err(OperationError::OtherAnswer),
+            0 => Err(LinkError::OtherAnswer.into()),
             _ => Ok(()),
         }
     }
 }
 
-impl Subject for Leaving<'_> {
+impl Linked for Leaving<'_> {
     type Error = OperationError;
+
+    fn operate(&mut self) -> (&mut Client, Instant) {
+        self.robot.operate()
+    }
+
+    fn wait(&mut self, longest: Duration) -> Result<(), OperationError> {
+        self.robot.wait(longest)
+    }
 
     fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
         self.goes_on()?;
@@ -380,10 +387,6 @@ impl Subject for Leaving<'_> {
     fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {
         self.goes_on()?;
         self.robot.pause(duration)
-    }
-
-    fn telemetry(&mut self) -> Option<Telemetry> {
-        self.robot.telemetry()
     }
 
     fn arm(&mut self) -> Result<(), OperationError> {

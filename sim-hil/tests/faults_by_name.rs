@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use flix_host::commission::{CommissionError, Finding, Known, Phase};
+use flix_host::link::Linked;
 use flix_protocol::message::{Fault, Faults};
 use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::{RobotModel, SIMULATED_BOARD};

@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use flix_host::link::Linked;
 use flix_protocol::message::Faults;
 use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::RobotModel;

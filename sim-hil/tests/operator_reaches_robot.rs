@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 
+use flix_host::link::Linked;
 use flix_protocol::message::{Command, CrashReport, Fault, Outcome, ResetReason, State};
 use flix_protocol::session::Key;
 use flix_sim::model::RobotModel;
@@ -23,8 +24,8 @@ fn operation(network: ChannelParameters) -> Operation<Plant> {
 #[test]
 fn the_robot_says_who_it_is() {
     let mut operation = operation(ChannelParameters::PERFECT);
-    operation.connect().unwrap();
-    let Outcome::Identity(identity) = operation.ask(Command::Identify).unwrap() else {
+    operation.wait_until_connected().unwrap();
+    let Outcome::Identity(identity) = operation.request(Command::Identify).unwrap() else {
         panic!("another answer");
     };
     assert_eq!(
@@ -40,13 +41,13 @@ fn a_session_stands_through_heavy_loss_and_jitter() {
         jitter: std::time::Duration::from_millis(100),
         ..ChannelParameters::QUIET_WIFI
     });
-    operation.connect().unwrap();
-    assert_eq!(operation.ask(Command::Ping(5)).unwrap(), Outcome::Pong(5));
+    operation.wait_until_connected().unwrap();
+    assert_eq!(operation.request(Command::Ping(5)).unwrap(), Outcome::Pong(5));
 }
 
 fn crash(operation: &mut Operation<Plant>) -> Option<CrashReport> {
-    operation.connect().unwrap();
-    match operation.ask(Command::Crash).unwrap() {
+    operation.wait_until_connected().unwrap();
+    match operation.request(Command::Crash).unwrap() {
         Outcome::Crash(crash) => crash,
         other => panic!("another answer: {other:?}"),
     }

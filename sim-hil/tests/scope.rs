@@ -2,10 +2,11 @@
 use std::time::Duration;
 
 use flix_firmware::fast::exchange::Report;
+use flix_host::link::Linked;
 use flix_host::scope::Capture;
 use flix_protocol::message::{
     Channel, Command, Fault, Outcome, ParameterCommand, ScopeCommand, ScopePlan, ScopeState,
-    ScopeStatus, State, Trigger,
+    ScopeStatus, Trigger,
 };
 use flix_protocol::units::{Degrees, Hertz};
 use flix_sim::model::RobotModel;
@@ -17,7 +18,7 @@ use flix_sim::rig::simulated::Truth;
 const TICK_US: u64 = 100;
 
 fn ask(operation: &mut Operation<Plant>, command: ScopeCommand) -> ScopeStatus {
-    match operation.ask(Command::Scope(command)).unwrap() {
+    match operation.request(Command::Scope(command)).unwrap() {
         Outcome::Scope(status) => status,
         other => panic!("{other:?}"),
     }
@@ -34,7 +35,7 @@ fn fetch(operation: &mut Operation<Plant>) -> Capture {
     let mut capture = Capture::new(status);
     while let Some(first) = capture.wanted() {
         let Outcome::ScopeRows(rows) =
-            operation.ask(Command::Scope(ScopeCommand::Read(first))).unwrap()
+            operation.request(Command::Scope(ScopeCommand::Read(first))).unwrap()
         else {
             panic!("no rows")
         };
@@ -61,7 +62,7 @@ fn turned(degrees: f64) -> f64 {
 
 fn set(operation: &mut Operation<Plant>, name: &str, value: f32) {
     let command = ParameterCommand::Set(name.try_into().unwrap(), value);
-    let outcome = operation.ask(Command::Parameter(command)).unwrap();
+    let outcome = operation.request(Command::Parameter(command)).unwrap();
     assert!(matches!(outcome, Outcome::Parameter(_)), "{name}: {outcome:?}");
 }
 
@@ -80,8 +81,7 @@ fn a_lost_phase_lock_is_kept_as_it_happened() {
     model.electrical.motor.viscous_friction_un_m_s_rad = 20.0;
     let mut operation = Subject { model: Some(model), seed: 5 }.on(Base::Free).unwrap();
     operation.arm().unwrap();
-    operation.ask(Command::Disarm).unwrap();
-    operation.await_state(&[State::Disarmed]).unwrap();
+    operation.disarm().unwrap();
     // Motors that may take next to nothing do not follow through thick oil.
     set(&mut operation, "alignment_current", 0.1);
     set(&mut operation, "current_limit", 0.11);
@@ -153,7 +153,7 @@ fn a_robot_that_nobody_told_otherwise_has_kept_the_last_200_ms_before_a_fault() 
     assert!((lost..lost + 20_000_000).contains(&fault), "{fault} of {lost}");
     // Driven again, it waits for the next.
     operation.robot.mend();
-    operation.ask(Command::Clear).unwrap();
+    operation.request(Command::Clear).unwrap();
     run(&mut operation, Duration::from_millis(500));
     operation.arm().unwrap();
     operation.hold(setpoint(-30.0, 0.0).unwrap());

@@ -3,7 +3,7 @@
 
 use core::time::Duration;
 
-use flix_host::link::Update;
+use flix_host::link::{Linked, Update};
 use flix_protocol::message::{Command, Event, Fault, Outcome, ParameterCommand};
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::model::RobotModel;
@@ -138,7 +138,7 @@ fn armed(operation: &mut Operation<Plant>) -> (f64, Option<String>) {
 #[test]
 fn a_new_robot_gives_its_motors_no_current_before_they_are_entered() {
     let mut operation = new_with_strong_motors();
-    operation.connect().unwrap();
+    operation.wait_until_connected().unwrap();
     let settings = [
         ("top_phase_resistance", 0.1),
         ("bottom_phase_resistance", 0.1),
@@ -149,10 +149,10 @@ fn a_new_robot_gives_its_motors_no_current_before_they_are_entered() {
         let (largest, refusal) = armed(&mut operation);
         assert!(refusal.is_some_and(|it| it.contains("flix parameters set") && it.contains(name)));
         assert!(largest < 0.01, "{largest} A");
-        let accept = operation.ask(Command::Parameter(ParameterCommand::Accept)).unwrap();
+        let accept = operation.request(Command::Parameter(ParameterCommand::Accept)).unwrap();
         assert!(matches!(accept, Outcome::Refused(_)), "{accept:?}");
         let set = ParameterCommand::Set(name.try_into().unwrap(), value);
-        operation.ask(Command::Parameter(set)).unwrap();
+        operation.request(Command::Parameter(set)).unwrap();
     }
     let (largest, refusal) = armed(&mut operation);
     assert_eq!(refusal, None);

@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 
+use flix_host::link::Linked;
 use flix_protocol::session::Key;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::{Mechanics, Plant};

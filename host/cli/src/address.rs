@@ -9,9 +9,9 @@ use clap::builder::{OsStringValueParser, TypedValueParser};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::session::Key;
 
-use flix_host::link::discovery;
 use flix_host::link::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
 use flix_host::link::udp::{self, Connection};
+use flix_host::link::{Linked, discovery};
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{complain, waiting};
 use flix_shell::{Error, Exit};

@@ -11,7 +11,7 @@ use super::address::RobotArgs;
 use super::drive::{give_up, stop};
 use flix_host::commission::voltage_mode::{self, Latency, bridges, find_latency};
 use flix_host::commission::{CommissionError, Commissioned, Known, Motor, Step, commission};
-use flix_host::link::LinkError;
+use flix_host::link::{LinkError, Linked};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
 use flix_shell::number::parse_within;

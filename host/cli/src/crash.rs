@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use super::address::RobotArgs;
 use crate::symbols::{Frame, LARGEST_ELF, Symbols};
-use flix_host::link::LinkError;
 use flix_host::link::explain;
 use flix_host::link::udp::Connection;
+use flix_host::link::{LinkError, Linked};
 use flix_host::system::file;
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
@@ -86,7 +86,7 @@ fn read(path: &Path) -> Result<Vec<u8>, Error> {
 pub(super) fn ask(connection: &mut Connection) -> Result<Option<CrashReport>, LinkError> {
     match connection.ask(Command::Crash)? {
         Outcome::Crash(report) => Ok(report),
-        _ => Err(LinkError::Unanswered),
+        _ => Err(LinkError::OtherAnswer),
     }
 }
 

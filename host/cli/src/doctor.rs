@@ -8,16 +8,16 @@ use flix_protocol::failsafe::{
     BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, SLOWEST_RAMP, longest_command_age, ramp_down,
 };
 use flix_protocol::message::{
-    Command, MAXIMUM_FREQUENCY, Magnet, Outcome, ParameterCommand, ResetReason, State, Telemetry,
+    Command, MAXIMUM_FREQUENCY, Magnet, Outcome, ResetReason, State, Telemetry,
 };
 use flix_protocol::units::Instant;
 
 use super::address::RobotArgs;
 use super::run::PoseArgs;
 use flix_host::commission::motor_name;
-use flix_host::link::LinkError;
 use flix_host::link::explain;
 use flix_host::link::udp::Connection;
+use flix_host::link::{LinkError, Linked};
 use flix_host::nav::Stop;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::NatNetStatistics;
@@ -171,11 +171,7 @@ fn identity(connection: &mut Connection) -> Vec<Finding> {
 
 /// Asks for a setting; a robot of another kind has no such one.
 fn setting(connection: &mut Connection, name: &str) -> Option<f32> {
-    let get = ParameterCommand::Get(name.try_into().ok()?);
-    match connection.ask(Command::Parameter(get)) {
-        Ok(Outcome::Parameter(parameter)) => Some(parameter.value),
-        _ => None,
-    }
+    Some(connection.parameter(name).ok()?.value)
 }
 
 /// Asks for the settings by which the rotors come to rest.

@@ -13,9 +13,9 @@ use serde_json::{Map, Value};
 
 use super::address::RobotArgs;
 use super::crash;
-use flix_host::link::explain;
 use flix_host::link::udp::Connection;
 use flix_host::link::{Client, LinkError};
+use flix_host::link::{Linked, explain};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{milliseconds, print, print_json};
@@ -160,7 +160,7 @@ struct End {
 /// When it does not answer.
 pub fn ask(connection: &mut Connection) -> Result<Status, LinkError> {
     let Outcome::Identity(identity) = connection.ask(Command::Identify)? else {
-        return Err(LinkError::Unanswered);
+        return Err(LinkError::OtherAnswer);
     };
     let crash = crash::ask(connection)?;
     let telemetry = match connection.client().telemetry() {

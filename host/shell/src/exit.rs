@@ -118,9 +118,10 @@ impl From<LinkError> for Error {
             | LinkError::StopUnacknowledged
             | LinkError::Refused(Refusal::LinkUnproven | Refusal::Late { .. }) => Exit::NoAnswer,
             LinkError::Connect(ConnectError::Busy(_)) => Exit::Held,
-            LinkError::Connect(_) | LinkError::Revoked | LinkError::Refused(Refusal::Malformed) => {
-                Exit::Refused
-            }
+            LinkError::Connect(_)
+            | LinkError::Revoked
+            | LinkError::OtherAnswer
+            | LinkError::Refused(Refusal::Malformed) => Exit::Refused,
             LinkError::Refused(
                 Refusal::OutOfRange { .. } | Refusal::NotWhole { .. } | Refusal::UnknownParameter,
             ) => Exit::Usage,

@@ -5,14 +5,15 @@ use std::time::Duration;
 
 use flix_protocol::failsafe::longest_command_age;
 use flix_protocol::message::{
-    Channel, Command, Fault, Mark, Outcome, Parameter, ParameterCommand, Refusal, ScopeCommand,
-    ScopePlan, ScopeState, Setpoint, State, Trigger,
+    Channel, Command, Fault, Mark, Parameter, ParameterCommand, Refusal, ScopeCommand, ScopePlan,
+    ScopeState, Setpoint, State, Trigger,
 };
 
 use super::finding::{Finding, motor_name};
 use super::running::{self, Change, Steady};
-use super::subject::{CURRENT_LIMIT, CommissionError, Step, Subject};
-use crate::scope::Capture;
+use super::step::{CURRENT_LIMIT, CommissionError, Step};
+use crate::link::Linked;
+use crate::scope::{self, Capture};
 
 /// How far the divider may be off a voltmeter.
 const BATTERY_RATIOS: std::ops::Range<f64> = 0.85..1.18;
@@ -49,7 +50,7 @@ const STANDARD_ERRORS: f64 = 3.0;
 /// Current times time of a ramp, A s, from which on friction and noise are little beside it. A motor that makes much torque of little
 /// current takes less, and more ramps.
 const FULL_IMPULSE: f64 = 8e-3;
-pub(super) type Done<T, S> = Result<T, CommissionError<<S as Subject>::Error>>;
+pub(super) type Done<T, S> = Result<T, CommissionError<<S as Linked>::Error>>;
 
 /// A robot, and what was changed about it.
 pub(super) struct Desk<'a, S> {
@@ -68,7 +69,7 @@ struct Changed {
     now: f32,
 }
 
-impl<'a, S: Subject> Desk<'a, S> {
+impl<'a, S: Linked> Desk<'a, S> {
     pub(super) const fn new(subject: &'a mut S) -> Self {
         Self { subject, changed: Vec::new(), is_aligned: false }
     }
@@ -139,26 +140,17 @@ impl<'a, S: Subject> Desk<'a, S> {
     }
 
     pub(super) fn setting(&mut self, name: &str) -> Done<f64, S> {
-        self.read(name).map(|parameter| parameter.value.into())
+        Ok(self.subject.setting(name)?)
     }
 
     /// Returns a setting and how it is known.
     pub(super) fn marked(&mut self, name: &str) -> Done<(f64, Option<Mark>), S> {
-        self.read(name).map(|parameter| (parameter.value.into(), parameter.mark))
-    }
-
-    fn read(&mut self, name: &str) -> Done<Parameter, S> {
-        let name = name.try_into().map_err(|_| CommissionError::OtherAnswer)?;
-        match self.subject.ask(Command::Parameter(ParameterCommand::Get(name)))? {
-            Outcome::Parameter(parameter) => Ok(parameter),
-            _ => Err(CommissionError::OtherAnswer),
-        }
+        let parameter = self.subject.parameter(name)?;
+        Ok((parameter.value.into(), parameter.mark))
     }
 
     fn write(&mut self, name: &str, value: f32, mark: Mark) -> Done<(), S> {
-        let name = name.try_into().map_err(|_| CommissionError::OtherAnswer)?;
-        self.subject.ask(Command::Parameter(ParameterCommand::Put(name, value, mark)))?;
-        Ok(())
+        Ok(self.subject.put(name, value, mark)?)
     }
 
     /// Changes a setting.
@@ -167,7 +159,7 @@ impl<'a, S: Subject> Desk<'a, S> {
         match self.changed.iter().position(|changed| changed.name == name) {
             Some(index) => self.changed[index].now = value,
             None => {
-                let Parameter { value: before, mark, .. } = self.read(name)?;
+                let Parameter { value: before, mark, .. } = self.subject.parameter(name)?;
                 self.changed.push(Changed { name: name.to_owned(), before, mark, now: value });
             }
         }
@@ -311,25 +303,14 @@ impl<'a, S: Subject> Desk<'a, S> {
 
     /// Fetches the capture if it is complete.
     pub(super) fn captured(&mut self, rows: u16) -> Done<Option<Columns>, S> {
-        match self.subject.ask(Command::Scope(ScopeCommand::Status))? {
-            Outcome::Scope(mut status) if status.state == ScopeState::Complete => {
-                status.rows = status.rows.min(rows);
-                self.fetch(Capture::new(status)).map(Some)
-            }
-            Outcome::Scope(_) => Ok(None),
-            _ => Err(CommissionError::OtherAnswer),
+        let mut status = scope::ask(self.subject, ScopeCommand::Status)?;
+        if status.state != ScopeState::Complete {
+            return Ok(None);
         }
-    }
-
-    fn fetch(&mut self, mut capture: Capture) -> Done<Columns, S> {
-        while let Some(first) = capture.wanted() {
-            let outcome = self.subject.ask(Command::Scope(ScopeCommand::Read(first)))?;
-            let is_taken = matches!(&outcome, Outcome::ScopeRows(rows) if capture.take(rows));
-            if !is_taken {
-                return Err(CommissionError::OtherAnswer);
-            }
-        }
-        Ok(Columns(capture))
+        status.rows = status.rows.min(rows);
+        let mut capture = Capture::new(status);
+        while scope::fetch(self.subject, &mut capture)? {}
+        Ok(Some(Columns(capture)))
     }
 
     /// Waits until the robot is in this state. A fault ends that unless it is `expected`.

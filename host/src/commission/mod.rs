@@ -17,11 +17,9 @@
 mod desk;
 mod finding;
 mod least_squares;
-#[cfg(not(target_family = "wasm"))]
-mod live;
 pub mod phases;
 pub mod running;
-mod subject;
+mod step;
 pub mod swing;
 mod trials;
 pub mod turned;
@@ -37,11 +35,12 @@ use self::desk::Desk;
 pub use self::finding::{Finding, Phase, motor_name};
 use self::phases::{Circuit, Phases, is_winding};
 use self::running::BackEmf;
-use self::subject::CURRENT_LIMIT;
-pub use self::subject::{CommissionError, Step, Subject};
+use self::step::CURRENT_LIMIT;
+pub use self::step::{CommissionError, Step};
 use self::trials::First;
 use self::turning::Rotor;
 use self::wiring::Stood;
+use crate::link::Linked;
 
 /// What somebody knows of the robot who measured it by hand.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -136,7 +135,7 @@ const RAMPS: (f64, f64) = (10.0, 300.0);
 ///
 /// # Errors
 /// When the robot refuses, a step ends in a fault, or a motor does not behave like one.
-pub fn commission<S: Subject>(
+pub fn commission<S: Linked>(
     subject: &mut S,
     known: &Known,
     step: impl FnMut(Step),
@@ -146,7 +145,7 @@ pub fn commission<S: Subject>(
     desk.conclude(found).map(|found| Commissioned { changes: desk.changes(), ..found })
 }
 
-fn measure<S: Subject>(
+fn measure<S: Linked>(
     desk: &mut Desk<'_, S>,
     known: &Known,
     mut step: impl FnMut(Step),
@@ -283,7 +282,7 @@ fn measure<S: Subject>(
 
 /// Runs with the position loop, of this bandwidth in Hz, that suits motors of this resistive voltage on this bus, V; where the phase
 /// lock is lost or the rotors swing, again with the other one.
-fn with_either_loop<S: Subject, T>(
+fn with_either_loop<S: Linked, T>(
     desk: &mut Desk<'_, S>,
     resistive: f64,
     bus: f64,
@@ -332,7 +331,7 @@ struct Ran {
 
 impl Runs {
     /// Aligns, runs slowly, fast and by ramps with position loops of this bandwidth, Hz, and disarms.
-    fn run<S: Subject>(
+    fn run<S: Linked>(
         &self,
         desk: &mut Desk<'_, S>,
         bandwidth: f64,

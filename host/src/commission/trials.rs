@@ -9,10 +9,11 @@ use super::desk::{Columns, Desk, Done, LOOK, LOOKS};
 use super::finding::Finding;
 use super::phases;
 use super::phases::{Circuit, Phases, Standing};
-use super::subject::{CommissionError, Step, Subject};
+use super::step::{CommissionError, Step};
 use super::swing::Swing;
 use super::turning::{self, Rotor, Turning};
 use super::wiring::{ANGLES, Resting, Stood};
+use crate::link::Linked;
 
 /// Current that shows how a motor is wired, mA: where an amplifier is dead, twice as much may flow.
 const WIRING_CURRENT_MA: u16 = 300;
@@ -60,7 +61,7 @@ pub(super) struct First {
     pub(super) circuit: Option<Circuit>,
 }
 
-impl<S: Subject> Desk<'_, S> {
+impl<S: Linked> Desk<'_, S> {
     /// Does a trial and captures its pattern; again where commands stayed away meanwhile, so that the motors coasted.
     fn try_out(
         &mut self,

@@ -9,9 +9,10 @@ use super::desk::{Desk, Done};
 use super::turned::{self, Entered, Turned};
 use super::{
     CAREFUL, CommissionError, EMF_SHARE, FASTEST_HZ, FIRST_LATENCY, Finding, Known,
-    LONGEST_LATENCY, QUICK, RAMP_CURRENT, RAMPS, SLOW_ELECTRICAL_HZ, Step, Subject,
-    alignment_current, braked_from, motor_name, position_bandwidth, with_either_loop,
+    LONGEST_LATENCY, QUICK, RAMP_CURRENT, RAMPS, SLOW_ELECTRICAL_HZ, Step, alignment_current,
+    braked_from, motor_name, position_bandwidth, with_either_loop,
 };
+use crate::link::Linked;
 
 /// Fastest electrical frequency, Hz: beyond it a turned voltage swings the rotors.
 const FASTEST_ELECTRICAL_HZ: f64 = 80.0;
@@ -49,7 +50,7 @@ pub const STEPS: [Step; 4] = [Step::Wiring, Step::Aligning, Step::Slow, Step::Fa
 ///
 /// # Errors
 /// When it does not answer.
-pub fn bridges<S: Subject>(subject: &mut S) -> Result<Bridges, CommissionError<S::Error>> {
+pub fn bridges<S: Linked>(subject: &mut S) -> Result<Bridges, CommissionError<S::Error>> {
     match subject.ask(Command::Bridges)? {
         Outcome::Bridges(bridges) => Ok(bridges),
         _ => Err(CommissionError::OtherAnswer),
@@ -65,7 +66,7 @@ pub fn bridges<S: Subject>(subject: &mut S) -> Result<Bridges, CommissionError<S
 ///
 /// # Errors
 /// When a value was not entered, the robot refuses, a step ends in a fault, or a motor is another than was entered.
-pub fn find_latency<S: Subject>(
+pub fn find_latency<S: Linked>(
     subject: &mut S,
     known: &Known,
     step: impl FnMut(Step),
@@ -76,7 +77,7 @@ pub fn find_latency<S: Subject>(
     desk.conclude(found).map(|found| Latency { changes: desk.changes(), ..found })
 }
 
-fn find<S: Subject>(
+fn find<S: Linked>(
     desk: &mut Desk<'_, S>,
     bridges: &Bridges,
     known: &Known,
@@ -118,11 +119,7 @@ fn find<S: Subject>(
 }
 
 /// Returns a value that somebody entered or measured, and notes its name.
-fn entered<S: Subject>(
-    desk: &mut Desk<'_, S>,
-    name: &str,
-    names: &mut Vec<String>,
-) -> Done<f64, S> {
+fn entered<S: Linked>(desk: &mut Desk<'_, S>, name: &str, names: &mut Vec<String>) -> Done<f64, S> {
     let (value, mark) = desk.marked(name)?;
     names.push(name.to_owned());
     match mark {
@@ -131,7 +128,7 @@ fn entered<S: Subject>(
     }
 }
 
-fn entered_motor<S: Subject>(
+fn entered_motor<S: Linked>(
     desk: &mut Desk<'_, S>,
     motor: usize,
     names: &mut Vec<String>,
@@ -158,7 +155,7 @@ struct Runs<'a> {
 impl Runs<'_> {
     /// Aligns, and runs slowly and fast with position loops of this bandwidth, Hz, the voltage turned ahead and back. Returns
     /// the latency, s.
-    fn run<S: Subject>(
+    fn run<S: Linked>(
         &self,
         desk: &mut Desk<'_, S>,
         bandwidth: f64,

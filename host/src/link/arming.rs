@@ -53,19 +53,6 @@ impl Arming {
         matches!(self.phase, Phase::Aligning(_))
     }
 
-    /// Takes the client's updates, and asks again where that is due; returns how arming has ended, once it has.
-    pub fn advance(&mut self, now: Instant, client: &mut Client) -> Option<Result<(), LinkError>> {
-        while let Some(update) = client.update() {
-            if let Update::Failed(error) = update {
-                return Some(Err(LinkError::Connect(error)));
-            }
-            if let ended @ Some(_) = self.observe(now, client, &update) {
-                return ended;
-            }
-        }
-        self.poll(now, client).map(Err)
-    }
-
     /// Takes an update of the client; returns how arming has ended, once it has.
     pub fn observe(
         &mut self,

@@ -39,6 +39,9 @@ pub enum LinkError {
     /// No reply to this request, although the session stands.
     #[error("the robot did not answer within {} s: the link loses too much; see `flix link-test`", super::REQUEST_PATIENCE.as_secs())]
     Unanswered,
+    /// The answer was of another kind.
+    #[error("the robot answered something else than was asked; is its firmware of this version?")]
+    OtherAnswer,
     /// The robot proved that it has the key, and has not said that it stopped.
     #[error(
         "the robot answers, but has not acknowledged the stop: it may be stopped or not; the link is very slow: ask again"
@@ -89,6 +92,15 @@ impl LinkError {
     #[must_use]
     pub const fn faulted(telemetry: &Telemetry) -> Self {
         Self::Faulted { first: telemetry.first_fault, all: telemetry.faults }
+    }
+
+    /// Returns the refusal that this reports.
+    #[must_use]
+    pub const fn refusal(&self) -> Option<&Refusal> {
+        match self {
+            Self::Refused(refusal) => Some(refusal),
+            _ => None,
+        }
     }
 
     /// Returns why a robot that was armed is driven no more, if this update says so.

@@ -33,6 +33,7 @@ mod error;
 pub mod explain;
 #[cfg(not(target_family = "wasm"))]
 pub mod keys;
+mod linked;
 mod reached;
 #[cfg(not(target_family = "wasm"))]
 pub mod serial;
@@ -43,6 +44,7 @@ pub mod udp;
 pub use arming::Arming;
 pub use client::{Client, StopState, Update};
 pub use error::LinkError;
+pub use linked::Linked;
 pub use reached::{errors, is_reached, line_difference};
 #[cfg(not(target_family = "wasm"))]
 pub use udp::transient;

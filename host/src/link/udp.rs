@@ -5,14 +5,12 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
 
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
-use flix_protocol::message::{Command, Outcome, Refusal, State, Telemetry};
+use flix_protocol::message::{Command, Refusal, State, Telemetry};
 use flix_protocol::session::{ConnectError, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
-use super::{
-    ARM_PATIENCE, Arming, Client, LinkError, PASSING_PATIENCE, REVOKED_PATIENCE, StopState,
-    TELEMETRY_LAG, Update,
-};
+use super::linked::{DISARM_PATIENCE, LONGEST_WAIT};
+use super::{Client, LinkError, Linked, StopState, TELEMETRY_LAG, Update};
 use crate::system::interrupt::Interrupt;
 use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 
@@ -21,12 +19,8 @@ use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 pub const FAREWELL_PATIENCE: Duration = Duration::from_millis(500);
 /// Time for which a program that is interrupted repeats stop.
 pub const STOP_PATIENCE: Duration = Duration::from_secs(2);
-/// Twice the longest time in which a robot ramps down.
-pub(crate) const DISARM_PATIENCE: Duration = Duration::from_secs(2);
 /// Time for which clearing is repeated: faults brake for half a second before they can be cleared.
 pub(crate) const CLEAR_PATIENCE: Duration = Duration::from_secs(3);
-/// Longest wait for a datagram between two checks for interruption.
-const LONGEST_WAIT: Duration = Duration::from_millis(20);
 /// Datagrams of one socket that are read at once while others have to be read, too.
 pub(super) const ANSWERS_AT_ONCE: u32 = 64;
 /// Shortest timeout that is requested from the operating system.
@@ -82,12 +76,6 @@ impl Connection {
         &self.client
     }
 
-    /// Returns the client, to command it, and its present time.
-    pub fn operate(&mut self) -> (&mut Client, Instant) {
-        let now = self.now();
-        (&mut self.client, now)
-    }
-
     /// Receives what has arrived, sends what is due, and waits for at most `longest` for the next
     /// datagram.
     ///
@@ -104,6 +92,7 @@ impl Connection {
         if self.receive_one()? {
             self.receive_arrived()?;
         }
+        self.was_connected |= self.client.is_connected(self.now());
         self.send_due()
     }
 
@@ -133,178 +122,10 @@ impl Connection {
         }
     }
 
-    /// Runs the link until `look` returns a value for an update, for at most `patience`. `None` when
-    /// the time is over.
-    ///
-    /// # Errors
-    /// When the session ends, the network fails, or the program is interrupted.
-    pub fn wait_for<T>(
-        &mut self,
-        patience: Duration,
-        mut look: impl FnMut(&Client, &Update) -> Option<T>,
-    ) -> Result<Option<T>, LinkError> {
-        let deadline = self.now() + patience;
-        loop {
-            while let Some(update) = self.client.update() {
-                if let Some(found) = look(&self.client, &update) {
-                    return Ok(Some(found));
-                }
-                match update {
-                    Update::Failed(ConnectError::WrongKey) if self.was_connected => {
-                        return Err(LinkError::Revoked);
-                    }
-                    Update::Failed(error) => return Err(self.no_session(error)),
-                    Update::Lost => return Err(self.why_lost()),
-                    Update::Left => return Err(LinkError::Left),
-                    _ => {}
-                }
-            }
-            if self.interrupt.is_raised() {
-                return Err(LinkError::Interrupted);
-            }
-            let now = self.now();
-            if now >= deadline {
-                return Ok(None);
-            }
-            self.step(deadline.since(now).min(LONGEST_WAIT))?;
-        }
-    }
-
-    /// Returns why there is no session.
-    #[must_use]
-    pub(crate) fn no_session(&self, error: ConnectError) -> LinkError {
-        no_session(self.socket.peer_addr().ok(), error)
-    }
-
-    /// Returns why the session is lost: a robot that is there refuses a key that was revoked, or answers again. Of one that
-    /// answers its state is awaited, too: it decides whether the robot is still driven.
-    fn why_lost(&mut self) -> LinkError {
-        let deadline = self.now() + REVOKED_PATIENCE;
-        let mut why = LinkError::Silent;
-        while self.now() < deadline {
-            while let Some(update) = self.client.update() {
-                match update {
-                    Update::Failed(ConnectError::WrongKey) => return LinkError::Revoked,
-                    Update::Connected => why = LinkError::Back,
-                    Update::Telemetry(_) => return LinkError::Back,
-                    _ => {}
-                }
-            }
-            if self.interrupt.is_raised() || self.step(LONGEST_WAIT).is_err() {
-                break;
-            }
-        }
-        why
-    }
-
-    /// Waits until the session is open, as long as the session tries
-    /// ([`flix_protocol::session::CONNECT_PATIENCE`]).
-    ///
-    /// # Errors
-    /// As for [`Connection::wait_for`].
-    pub fn wait_until_connected(&mut self) -> Result<(), LinkError> {
-        let is_connected =
-            |_: &Client, update: &Update| (*update == Update::Connected).then_some(());
-        let patience = 2 * flix_protocol::session::CONNECT_PATIENCE;
-        self.wait_for(patience, is_connected)?
-            .ok_or_else(|| self.no_session(ConnectError::NoAnswer))?;
-        self.was_connected = true;
-        Ok(())
-    }
-
-    /// Sends a request to the robot and waits for the answer. A refusal is an error; while the robot
-    /// refuses because of a state that passes, the request is repeated, for at most
-    /// [`PASSING_PATIENCE`].
-    ///
-    /// # Errors
-    /// As for [`Connection::wait_for`]; when the robot refuses or does not answer.
-    pub fn ask(&mut self, command: Command) -> Result<Outcome, LinkError> {
-        let (client, now) = self.operate();
-        let request = client.insist(now, command, PASSING_PATIENCE);
-        let longest = PASSING_PATIENCE + 2 * super::REQUEST_PATIENCE;
-        let outcome = self.wait_for(longest, |_, update| match update {
-            Update::Answer { request: answered, outcome } if *answered == request => {
-                Some(Some(outcome.clone()))
-            }
-            Update::Unanswered { request: given_up } if *given_up == request => Some(None),
-            _ => None,
-        })?;
-        match outcome.flatten() {
-            Some(Outcome::Refused(Refusal::Stopped)) => Err(self.why_stopped()?),
-            Some(Outcome::Refused(refusal)) => Err(LinkError::Refused(refusal)),
-            Some(outcome) => Ok(outcome),
-            None => Err(LinkError::Unanswered),
-        }
-    }
-
-    /// Returns who stopped the robot, as soon as telemetry states it.
-    fn why_stopped(&mut self) -> Result<LinkError, LinkError> {
-        let stated = self.client.stopped_by();
-        let stopper = match stated {
-            None => self.wait_for(TELEMETRY_LAG, |client, _| client.stopped_by())?,
-            known => known,
-        };
-        Ok(stopper.map_or(LinkError::Refused(Refusal::Stopped), LinkError::StoppedBy))
-    }
-
-    /// Waits until telemetry fulfils a condition, for at most `patience`. `None` when it did not.
-    ///
-    /// # Errors
-    /// As for [`Connection::wait_for`].
-    pub fn wait_for_telemetry(
-        &mut self,
-        patience: Duration,
-        mut is_wanted: impl FnMut(&Telemetry) -> bool,
-    ) -> Result<Option<Telemetry>, LinkError> {
-        self.wait_for(patience, |_, update| match update {
-            Update::Telemetry(telemetry) if is_wanted(telemetry) => Some(*telemetry),
-            _ => None,
-        })
-    }
-
-    /// Arms the robot: waits until the link is proven and the motors are aligned. From then on the
-    /// robot holds its rotors at rest until [`Client::hold`] commands something else.
-    ///
-    /// # Errors
-    /// As for [`Connection::ask`]; when a fault is latched.
-    pub fn arm(&mut self) -> Result<(), LinkError> {
-        let (client, now) = self.operate();
-        let mut arming = Arming::begin(now, client, now + ARM_PATIENCE);
-        loop {
-            let now = self.now();
-            let ended =
-                self.wait_for(LONGEST_WAIT, |client, update| arming.observe(now, client, update))?;
-            let (client, now) = self.operate();
-            match ended.or_else(|| arming.poll(now, client).map(Err)) {
-                Some(Err(LinkError::Refused(Refusal::Stopped))) => return Err(self.why_stopped()?),
-                Some(ended) => return ended,
-                None => {}
-            }
-        }
-    }
-
-    /// Brings the rotors to rest and lets the motors coast.
-    ///
-    /// # Errors
-    /// As for [`Connection::ask`]; when the robot does not come to rest in time.
-    pub fn disarm(&mut self) -> Result<(), LinkError> {
-        self.client.release();
-        self.ask(Command::Disarm)?;
-        let mut actual = State::Stopping;
-        let disarmed = self.wait_for_telemetry(DISARM_PATIENCE, |telemetry| {
-            actual = telemetry.state;
-            telemetry.state.is_idle()
-        })?;
-        match disarmed {
-            Some(_) => Ok(()),
-            None => Err(LinkError::State { wanted: State::Disarmed, actual }),
-        }
-    }
-
     /// Clears the latched stop and faults, for somebody who asked for it then: not a stop that came since.
     ///
     /// # Errors
-    /// As for [`Connection::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
+    /// As for [`Linked::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
     pub fn clear(&mut self, asked: std::time::Instant) -> Result<(), LinkError> {
         // What was longest under way makes a stop look younger: of several, one that shows it older decides.
         let is_known = |it: &Telemetry| it.stopped_for().is_none_or(|ago| ago >= asked.elapsed());
@@ -372,6 +193,33 @@ impl Connection {
         self.client.leave();
         // Nothing depends on it: without it the next operator waits for a second.
         let _ = self.send_due();
+    }
+}
+
+impl Linked for Connection {
+    type Error = LinkError;
+
+    fn operate(&mut self) -> (&mut Client, Instant) {
+        let now = self.now();
+        (&mut self.client, now)
+    }
+
+    fn wait(&mut self, longest: Duration) -> Result<(), LinkError> {
+        if self.interrupt.is_raised() {
+            return Err(LinkError::Interrupted);
+        }
+        self.step(longest)
+    }
+
+    fn refusal(error: &LinkError) -> Option<&Refusal> {
+        error.refusal()
+    }
+
+    fn no_session(&self, error: ConnectError) -> LinkError {
+        match error {
+            ConnectError::WrongKey if self.was_connected => LinkError::Revoked,
+            error => no_session(self.socket.peer_addr().ok(), error),
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! A [`Pilot`] on a socket, in real time.
 
+use crate::link::Linked;
 use std::time::Duration;
 
 use super::{Ending, Helm, Pilot};

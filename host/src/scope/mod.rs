@@ -5,10 +5,13 @@
 #[cfg(not(target_family = "wasm"))]
 pub mod files;
 
-use crate::system::number::in_unit;
 use flix_protocol::message::{
-    Channel, Quantity, SCOPE_CHANNELS, SCOPE_RATE_HZ, ScopeRows, ScopeStatus, Trigger,
+    Channel, Command, Outcome, Quantity, SCOPE_CHANNELS, SCOPE_RATE_HZ, ScopeCommand, ScopeRows,
+    ScopeStatus, Trigger,
 };
+
+use crate::link::{LinkError, Linked};
+use crate::system::number::in_unit;
 
 /// A text names no channels, or no trigger.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -226,6 +229,29 @@ impl Capture {
             maximum: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
             mean: values.iter().sum::<f64>() / values.len() as f64,
         })
+    }
+}
+
+/// Asks the scope of a robot for something; returns how far its capture is.
+///
+/// # Errors
+/// As for [`Linked::ask`].
+pub fn ask<L: Linked>(robot: &mut L, command: ScopeCommand) -> Result<ScopeStatus, L::Error> {
+    match robot.ask(Command::Scope(command))? {
+        Outcome::Scope(status) => Ok(status),
+        _ => Err(LinkError::OtherAnswer.into()),
+    }
+}
+
+/// Fetches the next rows of a capture; returns whether any were left.
+///
+/// # Errors
+/// As for [`Linked::ask`].
+pub fn fetch<L: Linked>(robot: &mut L, capture: &mut Capture) -> Result<bool, L::Error> {
+    let Some(first) = capture.wanted() else { return Ok(false) };
+    match robot.ask(Command::Scope(ScopeCommand::Read(first)))? {
+        Outcome::ScopeRows(rows) if capture.take(&rows) => Ok(true),
+        _ => Err(LinkError::OtherAnswer.into()),
     }
 }
 

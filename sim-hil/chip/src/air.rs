@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_protocol::message::State;
+use flix_host::link::Linked;
 use serde::Serialize;
 
 use crate::flood::Flood;
@@ -54,7 +54,7 @@ impl Air {
 pub fn trouble(rig: &mut Rig, times: Times, seed: u64) -> Result<Air, RigError> {
     let current_limit = rig.setting("current_limit")?;
     rig.watch();
-    rig.arm()?;
+    rig.arm_uncommissioned()?;
     hold(rig, HELD, times, current_limit)?;
     let quiet = instructions(rig, times.measure)?;
     rig.flood(Some(Flood::new(seed)));
@@ -71,8 +71,7 @@ pub fn trouble(rig: &mut Rig, times: Times, seed: u64) -> Result<Air, RigError> 
     let back = rig.chip.now();
     rig.until_log("connection to the network", "wi-fi: connected")?;
     rig.connect()?;
-    rig.await_state(&[State::Disarmed])?;
-    rig.arm()?;
+    rig.arm_uncommissioned()?;
     let back_s = (rig.chip.now() - back).as_secs_f64();
     let seen = rig.seen.clone();
     rig.disarm()?;

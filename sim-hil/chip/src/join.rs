@@ -178,7 +178,7 @@ impl Join {
         reconnect(rig)?;
         self.group_report(rig, reports)?;
         rig.connect()?;
-        rig.client = None;
+        rig.is_alone = true;
         Ok(())
     }
 
@@ -205,7 +205,7 @@ impl Join {
         rig.chip.network.trouble.refuses = false;
         reconnect(rig)?;
         rig.connect()?;
-        rig.client = None;
+        rig.is_alone = true;
         Ok(())
     }
 

@@ -4,8 +4,8 @@
 //! it must have after two more starts.
 
 use flix_firmware::board::EncoderKind;
-use flix_host::link::LinkError;
-use flix_protocol::message::{Command, Fault, Outcome, ParameterCommand};
+use flix_host::link::{LinkError, Linked};
+use flix_protocol::message::{Command, Fault, ParameterCommand};
 use flix_protocol::provision::{Answer, Request};
 use flix_protocol::session::Key;
 use serde::Serialize;
@@ -221,16 +221,16 @@ fn is_stored(flash: &Flash, key: [u8; 32]) -> bool {
 /// The key that the robot has, by its proof over the serial port.
 fn key_of(rig: &mut Rig, old: Option<[u8; 32]>, new: [u8; 32]) -> Result<Kept, RigError> {
     let Answer::Identity { has_key, .. } = rig.ask_serial(&Request::Identify)? else {
-        return Err(RigError::OtherAnswer);
+        return Err(LinkError::OtherAnswer.into());
     };
     if rig.log().contains("provision the robot again") {
         return Ok(Kept::Neither);
     }
-    let mut is_proved = |key: [u8; 32]| {
+    let mut is_proved = |key: [u8; 32]| -> Result<bool, RigError> {
         let key = Key::new(key);
         match rig.ask_serial(&Request::Prove(CHALLENGE, key.id()))? {
             Answer::Proof(proof) => Ok(proof.is_some_and(|it| key.is_proved(&CHALLENGE, &it))),
-            _ => Err(RigError::OtherAnswer),
+            _ => Err(LinkError::OtherAnswer.into()),
         }
     };
     let is_new = is_proved(new)?;
@@ -258,12 +258,8 @@ fn connect(rig: &mut Rig) -> Result<(), RigError> {
 
 /// Changes a setting and saves it; returns how many flash operations were done by then.
 fn set_and_save(rig: &mut Rig, value: f32) -> Result<usize, RigError> {
-    let name = SETTING.0.try_into().map_err(|_| RigError::OtherAnswer)?;
-    for command in [ParameterCommand::Set(name, value), ParameterCommand::Save] {
-        if let Outcome::Refused(refusal) = rig.ask(Command::Parameter(command))? {
-            return Err(LinkError::Refused(refusal).into());
-        }
-    }
+    rig.set(SETTING.0, value)?;
+    rig.ask(Command::Parameter(ParameterCommand::Save))?;
     Ok(rig.chip.flash().operations().len())
 }
 
@@ -278,7 +274,7 @@ fn setting_of(rig: &mut Rig) -> Result<Kept, RigError> {
     let (_, new) = SETTING;
     let value = value_of(rig)?;
     let is_unreadable =
-        rig.telemetry.is_some_and(|telemetry| telemetry.first_fault == Some(Fault::Settings));
+        rig.telemetry().is_some_and(|telemetry| telemetry.first_fault == Some(Fault::Settings));
     Ok(match value == f64::from(new) {
         _ if is_unreadable => Kept::Neither,
         true => Kept::New,

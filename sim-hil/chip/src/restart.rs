@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use flix_host::link::LinkError;
-use flix_protocol::message::{Command, Outcome, ParameterCommand, ResetReason, State};
+use flix_host::link::{LinkError, Linked};
+use flix_protocol::message::{Command, Outcome, ParameterCommand, ResetReason};
 use serde::Serialize;
 
 use crate::rig::{Rig, RigError};
@@ -79,13 +79,10 @@ pub fn try_all(rig: &mut Rig, progress: &dyn Fn(&str)) -> Result<Vec<Restart>, R
 
 /// Saves the settings until a sector is erased for them, for which the fast loop's watchdog waits; then no longer.
 fn erase(rig: &mut Rig) -> Result<(), RigError> {
-    rig.await_state(&[State::Disarmed])?;
     let from = rig.chip.flash().operations().len();
     for _ in 0..SAVES {
-        match rig.ask(Command::Parameter(ParameterCommand::Save))? {
-            Outcome::Refused(refusal) => return Err(LinkError::Refused(refusal).into()),
-            _ => rig.run(MOMENT)?,
-        }
+        rig.ask(Command::Parameter(ParameterCommand::Save))?;
+        rig.run(MOMENT)?;
         let fresh = &rig.chip.flash().operations()[from..];
         if fresh.iter().any(|operation| matches!(operation, Operation::Erase { .. })) {
             return Ok(());
@@ -102,14 +99,14 @@ fn happen(
     reason: &str,
 ) -> Result<Restart, RigError> {
     if place == Place::BeforeTheLoop {
-        rig.client = None;
+        rig.is_alone = true;
         rig.chip.power_on();
     } else {
         rig.connect()?;
         if (accident, place) == (Accident::Hang, Place::Loop) {
             erase(rig)?;
         }
-        rig.arm()?;
+        rig.arm_uncommissioned()?;
     }
     let end = rig.chip.cycles() + cycles(SEARCH);
     while !rig.chip.is_in(place) {
@@ -143,7 +140,7 @@ fn happen(
         }
     }
     // A client that is not answered gives up by itself.
-    rig.client = None;
+    rig.is_alone = true;
     while rig.resets.len() == resets && rig.chip.now() < began + 2 * LIMIT {
         rig.step()?;
     }
@@ -166,13 +163,13 @@ fn happen(
     let stated = log.lines().rev().find_map(|line| line.strip_prefix("started after "));
     restart.reason = stated.unwrap_or_default().trim().to_owned();
     rig.connect()?;
-    let Outcome::Identity(identity) = rig.ask(Command::Identify)? else {
-        return Err(RigError::OtherAnswer);
+    let Outcome::Identity(identity) = rig.request(Command::Identify)? else {
+        return Err(LinkError::OtherAnswer.into());
     };
     for failure in check_black_box(rig, accident, &identity.reset)? {
         restart.failures.push(format!("{accident:?} {name}: {failure}"));
     }
-    rig.client = None;
+    rig.is_alone = true;
     if identity.reset.to_string() != reason {
         let failure = format!("the robot reports that it was {}, not {reason:?}", identity.reset);
         restart.failures.push(format!("{accident:?} {name}: {failure}"));
@@ -190,10 +187,10 @@ fn check_black_box(
     accident: Accident,
     reset: &ResetReason,
 ) -> Result<Vec<String>, RigError> {
-    let crash = match rig.ask(Command::Crash)? {
+    let crash = match rig.request(Command::Crash)? {
         Outcome::Crash(Some(crash)) => crash,
         Outcome::Crash(None) => return Ok(vec!["the robot kept nothing of it".to_owned()]),
-        _ => return Err(RigError::OtherAnswer),
+        _ => return Err(LinkError::OtherAnswer.into()),
     };
     let panicked = accident == Accident::Panic;
     let promises = [

@@ -3,11 +3,9 @@
 use std::time::Duration;
 
 use flix_firmware::board::{EncoderKind, PWM_FREQUENCY_HZ};
-use flix_host::link::{ARM_PATIENCE, Arming, Client, LinkError, Update};
+use flix_host::link::{Client, LinkError, Linked};
 use flix_protocol::DEFAULT_PORT;
-use flix_protocol::message::{
-    Command, OperatorName, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
-};
+use flix_protocol::message::{OperatorName, Refusal};
 use flix_protocol::provision::{
     Answer, FixedAddress, FrameReader, Provisioning, Request, write_frame,
 };
@@ -60,9 +58,6 @@ pub enum RigError {
         /// What was waited for.
         awaited: &'static str,
     },
-    /// Another answer than asked for.
-    #[error("the robot answered something else than was asked")]
-    OtherAnswer,
     /// It starts again and again.
     #[error("the chip starts anew again and again, last because of {0:?}")]
     Restarts(ResetReason),
@@ -110,8 +105,9 @@ impl Seen {
 pub struct Rig {
     /// The chip.
     pub chip: Chip<Robot>,
-    /// The operator.
-    pub client: Option<Client>,
+    client: Client,
+    /// Whether no operator is there.
+    pub is_alone: bool,
     /// What came out of the serial port.
     pub serial: Vec<u8>,
     /// What of it nobody has taken yet.
@@ -120,8 +116,6 @@ pub struct Rig {
     pub resets: Vec<(Duration, ResetReason)>,
     /// What was seen lately.
     pub seen: Seen,
-    /// Telemetry that came last.
-    pub telemetry: Option<Telemetry>,
     /// The key that the robot is provisioned with, and operators have.
     pub key: Key,
     next_step: u64,
@@ -156,15 +150,16 @@ impl Rig {
     pub fn with_flash(image: Image, encoder: EncoderKind, seed: u64, flash: Flash) -> Self {
         let chip = Chip::with_flash(image, Robot::new(encoder, seed), flash, seed);
         let next_step = chip.cycles();
+        let key = Key::new([7; 32]);
         Self {
             chip,
-            client: None,
+            client: Client::new(key.clone(), [0; 32], Instant::START),
+            is_alone: true,
             serial: Vec::new(),
             fresh_serial: Vec::new(),
             resets: Vec::new(),
             seen: Seen::NOTHING,
-            telemetry: None,
-            key: Key::new([7; 32]),
+            key,
             next_step,
             is_driven: false,
             flood: None,
@@ -375,14 +370,16 @@ impl Rig {
         if let Some(flood) = &mut self.flood {
             flood.send(&mut self.chip.network, at);
         }
-        let Some(client) = &mut self.client else { return };
+        if self.is_alone {
+            return;
+        }
         while let Some(datagram) = self.chip.network.receive_datagram(at) {
             if datagram.port == OPERATOR_PORT {
-                client.receive(now, &datagram.payload);
+                self.client.receive(now, &datagram.payload);
             }
         }
-        if client.transmit_at().is_some_and(|due| due <= now) {
-            while let Some(frame) = client.transmit(now) {
+        if self.client.transmit_at().is_some_and(|due| due <= now) {
+            while let Some(frame) = self.client.transmit(now) {
                 let datagram = Datagram { port: OPERATOR_PORT, payload: frame.to_vec() };
                 self.chip.network.send_datagram(&datagram, DEFAULT_PORT, at);
             }
@@ -442,7 +439,7 @@ impl Rig {
     /// # Errors
     /// When none comes.
     pub fn ask_serial(&mut self, request: &Request) -> Result<Answer, RigError> {
-        let frame = write_frame(request).ok_or(RigError::OtherAnswer)?;
+        let frame = write_frame(request).ok_or(LinkError::OtherAnswer)?;
         let mut at = self.serial.len();
         let mut reader = FrameReader::new();
         let mut ask_at = self.chip.cycles();
@@ -481,7 +478,8 @@ impl Rig {
         name: &str,
         address: Option<FixedAddress>,
     ) -> Result<Provisioning, RigError> {
-        Provisioning::new(name, NAME, PASSPHRASE, address).map_err(|_| RigError::OtherAnswer)
+        Ok(Provisioning::new(name, NAME, PASSPHRASE, address)
+            .map_err(|_| LinkError::OtherAnswer)?)
     }
 
     /// Returns who may command this rig's robot.
@@ -509,29 +507,6 @@ impl Rig {
         self.until_log("connection to the network", "wi-fi: connected")
     }
 
-    /// Runs until the operator receives something that `pick` takes.
-    fn await_update<T>(
-        &mut self,
-        what: &'static str,
-        mut pick: impl FnMut(&Update) -> Option<Result<T, RigError>>,
-    ) -> Result<T, RigError> {
-        self.until(what, |rig| {
-            let Some(client) = &mut rig.client else { return Err(RigError::OtherAnswer) };
-            while let Some(update) = client.update() {
-                if let Update::Telemetry(telemetry) = &update {
-                    rig.telemetry = Some(*telemetry);
-                }
-                if let Some(found) = pick(&update) {
-                    return found.map(Some);
-                }
-                if let Update::Failed(error) = update {
-                    return Err(LinkError::Connect(error).into());
-                }
-            }
-            Ok(None)
-        })
-    }
-
     /// Connects an operator.
     ///
     /// # Errors
@@ -541,80 +516,27 @@ impl Rig {
         let entropy = (self.chip.cycles() ^ 0x5A5A).to_le_bytes();
         let mut seed = [0x3C; 32];
         seed[..8].copy_from_slice(&entropy);
-        self.client = Some(Client::new(self.key.clone(), seed, now));
-        self.await_update("session", |update| matches!(update, Update::Connected).then_some(Ok(())))
+        self.client = Client::new(self.key.clone(), seed, now);
+        self.is_alone = false;
+        self.wait_until_connected()
     }
 
-    /// Asks and waits for the answer.
-    ///
-    /// # Errors
-    /// When there is none.
-    pub fn ask(&mut self, command: Command) -> Result<Outcome, RigError> {
-        let now = self.now();
-        let Some(client) = &mut self.client else { return Err(RigError::OtherAnswer) };
-        let asked = client.request(now, command);
-        self.await_update("answer", |update| match update {
-            Update::Answer { request, outcome } if *request == asked => Some(Ok(outcome.clone())),
-            _ => None,
-        })
-    }
-
-    /// Returns the value of a setting.
-    ///
-    /// # Errors
-    /// When there is none of this name.
-    pub fn setting(&mut self, name: &str) -> Result<f64, RigError> {
-        let name = name.try_into().map_err(|_| RigError::OtherAnswer)?;
-        match self.ask(Command::Parameter(ParameterCommand::Get(name)))? {
-            Outcome::Parameter(parameter) => Ok(f64::from(parameter.value)),
-            _ => Err(RigError::OtherAnswer),
-        }
-    }
-
-    /// Arms, and waits for it: alignment comes first, and before it what is assumed is entered as it is.
+    /// Arms a robot that nobody has commissioned: enters what it assumes as it is.
     ///
     /// # Errors
     /// When the robot refuses, or has a fault.
-    pub fn arm(&mut self) -> Result<(), RigError> {
+    pub fn arm_uncommissioned(&mut self) -> Result<(), RigError> {
         loop {
-            match self.arm_as_it_is() {
+            match self.arm() {
                 Err(RigError::Link(LinkError::Refused(
                     Refusal::Assumed { name } | Refusal::AssumedUnmeasured { name },
                 ))) => {
-                    let value = self.setting(&name)? as f32;
-                    self.ask(Command::Parameter(ParameterCommand::Set(name, value)))?;
+                    let value = self.parameter(name.clone())?.value;
+                    self.set(name, value)?;
                 }
                 ended => return ended,
             }
         }
-    }
-
-    fn arm_as_it_is(&mut self) -> Result<(), RigError> {
-        let now = self.now();
-        let Some(client) = &mut self.client else { return Err(RigError::OtherAnswer) };
-        let mut arming = Arming::begin(now, client, now + ARM_PATIENCE);
-        self.until("armed robot", |rig| {
-            let now = rig.now();
-            let Some(client) = &mut rig.client else { return Err(RigError::OtherAnswer) };
-            let ended = arming.advance(now, client);
-            rig.telemetry = client.telemetry().copied();
-            Ok(ended.transpose()?)
-        })
-    }
-
-    /// Waits until telemetry shows one of these states.
-    ///
-    /// # Errors
-    /// When a fault comes instead.
-    pub fn await_state(&mut self, states: &[State]) -> Result<(), RigError> {
-        while self.client.as_mut().and_then(Client::update).is_some() {}
-        self.await_update("state", |update| match update {
-            Update::Telemetry(telemetry) if states.contains(&telemetry.state) => Some(Ok(())),
-            Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
-                Some(Err(LinkError::faulted(telemetry).into()))
-            }
-            _ => None,
-        })
     }
 
     /// Starts or ends a flood; returns the one that was.
@@ -650,27 +572,24 @@ impl Rig {
     pub fn is_driven(&self) -> bool {
         self.is_driven
     }
+}
 
-    /// Commands the robot to shake so from now on.
-    pub fn hold(&mut self, setpoint: Setpoint) {
+impl Linked for Rig {
+    type Error = RigError;
+
+    fn operate(&mut self) -> (&mut Client, Instant) {
         let now = self.now();
-        if let Some(client) = &mut self.client {
-            client.hold(now, setpoint);
-        }
+        (&mut self.client, now)
     }
 
-    /// Disarms, and waits until the motors coast.
-    ///
-    /// # Errors
-    /// When the robot refuses.
-    pub fn disarm(&mut self) -> Result<(), RigError> {
-        if let Some(client) = &mut self.client {
-            client.release();
-        }
-        match self.ask(Command::Disarm)? {
-            Outcome::Done => self.await_state(&[State::Disarmed]),
-            Outcome::Refused(refusal) => Err(LinkError::Refused(refusal).into()),
-            _ => Err(RigError::OtherAnswer),
+    fn wait(&mut self, _: Duration) -> Result<(), RigError> {
+        self.step()
+    }
+
+    fn refusal(error: &RigError) -> Option<&Refusal> {
+        match error {
+            RigError::Link(error) => error.refusal(),
+            _ => None,
         }
     }
 }

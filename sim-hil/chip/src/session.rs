@@ -3,14 +3,15 @@
 use std::time::Duration;
 
 use flix_firmware::hardware::{Magnet, TICK_US};
-use flix_protocol::message::{Command, State};
+use flix_host::link::{LinkError, Linked};
+use flix_protocol::message::{Command, Telemetry};
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
 use flix_sim::rig::bench::setpoint;
 use serde::Serialize;
 
 use crate::pins::BOARD;
-use crate::rig::{Rig, RigError};
+use crate::rig::{PATIENCE, Rig, RigError};
 use flix_esp32c6::CYCLES_PER_SECOND;
 
 /// The paper's five modes (Table IV), and the reversal that the last one is to the one before: Hz, degrees.
@@ -225,7 +226,7 @@ pub fn hold(
     times: Times,
     current_limit_a: f64,
 ) -> Result<Hold, RigError> {
-    let setpoint = setpoint(f_hz, theta_deg).map_err(|_| RigError::OtherAnswer)?;
+    let setpoint = setpoint(f_hz, theta_deg).map_err(|_| LinkError::OtherAnswer)?;
     rig.hold(setpoint);
     rig.run(times.settle)?;
     let mut meter = HoldMeter::new(setpoint);
@@ -255,8 +256,9 @@ impl Battery {
     /// # Errors
     /// When no telemetry comes.
     pub fn of(rig: &mut Rig) -> Result<Self, RigError> {
-        rig.await_state(&[State::Disarmed])?;
-        let said = rig.telemetry.and_then(|telemetry| telemetry.bus_voltage);
+        let is_idle = |telemetry: &Telemetry| telemetry.state.is_idle();
+        let telemetry = rig.wait_for_telemetry(PATIENCE, is_idle)?;
+        let said = telemetry.and_then(|telemetry| telemetry.bus_voltage);
         let true_v = rig.chip.outside().bus_voltage();
         Ok(Self { said_v: said.map(|volts| f64::from(volts.get())), true_v })
     }
@@ -284,8 +286,8 @@ pub fn magnet_failures(rig: &mut Rig) -> Result<Vec<String>, RigError> {
         for magnet in [Magnet::Weak, Magnet::Strong, Magnet::Good] {
             rig.chip.outside().magnets[motor] = magnet;
             rig.run(MAGNET_PATIENCE)?;
-            rig.ask(Command::Ping(0))?;
-            let found = rig.telemetry.map(|telemetry| telemetry.encoders.map(|it| it.magnet));
+            rig.request(Command::Ping(0))?;
+            let found = rig.telemetry().map(|telemetry| telemetry.encoders.map(|it| it.magnet));
             let mut wanted = [Magnet::Good; 2];
             wanted[motor] = magnet;
             if found != Some(wanted) {
@@ -304,7 +306,7 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
     let current_limit = rig.setting("current_limit")?;
     rig.watch();
     progress("arming, which aligns first");
-    rig.arm()?;
+    rig.arm_uncommissioned()?;
     let mut report = Report::default();
     // Alignment turns each motor alone: shares are those of driving.
     rig.seen.shares = [[0.0, f64::INFINITY, 0.0]; 6];

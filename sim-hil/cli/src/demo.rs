@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
+use flix_host::link::Linked;
 use flix_plot::{Chart, Figure, Panel, Series, Stroke, Written, colour};
 use flix_protocol::message::Setpoint;
 use flix_shell::number::whole;
@@ -104,7 +105,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 fn shake(args: &Args) -> Result<bool, Error> {
     let mut operation = bench(Base::Free, args.seed)?;
     let bar = progress(SCENES.len() as u64 + 1, "shaking");
-    operation.connect()?;
+    operation.wait_until_connected()?;
     let current_limit = operation.setting("current_limit")?;
     operation.arm()?;
     bar.inc(1);

@@ -85,14 +85,15 @@ pub(crate) fn words(variant: &impl core::fmt::Debug) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use flix_host::link::LinkError;
     use flix_sim::rig::operation::OperationError;
 
     #[test]
     fn a_robot_that_cannot_be_brought_to_run_fails_in_json_too() {
-        let error = OperationError::TooLate { awaited: "a session" }.into();
+        let error = OperationError::from(LinkError::Unanswered).into();
         let json = failure(&error);
         assert_eq!((&json["pass"], &json["error"]), (&false.into(), &error.to_string().into()));
-        let measured: Result<(), OperationError> = Err(OperationError::OtherAnswer);
+        let measured: Result<(), OperationError> = Err(LinkError::OtherAnswer.into());
         let exit = print_verdict(measured, |()| true, true, |()| String::new()).unwrap();
         assert_eq!(exit, ExitCode::FAILURE);
     }

@@ -3,6 +3,7 @@
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
+use flix_host::link::Linked;
 use flix_protocol::message::{Command, Outcome, ParameterCommand};
 use flix_protocol::units::Instant;
 use flix_sim::experiment::walk::Start;
@@ -66,7 +67,7 @@ fn failed(error: impl std::fmt::Display) -> PyErr {
 }
 
 fn ask(operation: &mut Operation<Plant>, command: Command) -> PyResult<Outcome> {
-    match operation.ask(command).map_err(failed)? {
+    match operation.request(command).map_err(failed)? {
         Outcome::Refused(refusal) => Err(failed(refusal)),
         outcome => Ok(outcome),
     }
@@ -82,7 +83,7 @@ fn setting(operation: &mut Operation<Plant>, name: &str, value: Option<f32>) -> 
     };
     let now = operation.now();
     if !operation.client().is_connected(now) {
-        operation.connect().map_err(failed)?;
+        operation.wait_until_connected().map_err(failed)?;
     }
     match ask(operation, Command::Parameter(command))? {
         Outcome::Parameter(parameter) => Ok(f64::from(parameter.value)),

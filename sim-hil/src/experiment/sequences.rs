@@ -1,6 +1,7 @@
 //! Walks whose f and theta change again and again, on ideal drives and under the robot's software.
 
 use core::time::Duration;
+use flix_host::link::Linked;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;

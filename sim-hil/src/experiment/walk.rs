@@ -7,7 +7,7 @@
 use std::f64::consts::PI;
 use std::time::Duration;
 
-use flix_host::link::LinkError;
+use flix_host::link::{LinkError, Linked};
 use flix_host::nav::{self, Twist, wrap};
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;

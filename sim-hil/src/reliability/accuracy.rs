@@ -3,6 +3,7 @@
 //! Each base and frequency is one run of a robot from power-up: it is connected to, aligns, arms and
 //! is then led through all directions, by the real client over a quiet Wi-Fi network. Figures are the plant's truth.
 
+use flix_host::link::Linked;
 use std::time::Duration;
 
 use rayon::prelude::*;
@@ -200,7 +201,8 @@ pub(super) fn step_of(
     base: Base,
     step: Step,
 ) -> Result<StepResult, BenchError> {
-    let current_limit_a = operation.connect().and_then(|()| operation.setting("current_limit"))?;
+    let current_limit_a =
+        operation.wait_until_connected().and_then(|()| operation.setting("current_limit"))?;
     operation.arm()?;
     operation.hold(setpoint(step.from.0, step.from.1)?);
     operation.run(SETTLING, |_| {})?;

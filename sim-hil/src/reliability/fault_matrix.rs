@@ -7,6 +7,7 @@
 
 use std::time::Duration;
 
+use flix_host::link::Linked;
 use flix_protocol::message::{Fault, State};
 use flix_protocol::units::Instant;
 use rand::{Rng, RngExt, SeedableRng};

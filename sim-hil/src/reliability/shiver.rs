@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use flix_firmware::fast::margin::{LEAST_MARGIN, Margins};
 use flix_firmware::settings::Settings;
-use flix_host::link::LinkError;
+use flix_host::link::{LinkError, Linked};
 use flix_protocol::message::{Refusal, Setpoint};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;

@@ -5,13 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use flix_host::commission::{
-    CommissionError, Commissioned, Known, Subject as Commissionable, commission, motor_name,
-};
-use flix_host::link::{LinkError, passes};
-use flix_protocol::message::{
-    Command, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
-};
+use flix_host::commission::{CommissionError, Commissioned, Known, commission, motor_name};
+use flix_host::link::{ARM_PATIENCE, Client, LinkError, Linked, passes};
+use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint};
 use flix_protocol::units::Instant;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -20,7 +16,7 @@ use crate::model::{RobotModel, Shaker};
 use crate::plant::Plant;
 use crate::plant::electronics::Electronics;
 use crate::rig::bench::{Base, BenchError, Subject};
-use crate::rig::operation::{Operation, OperationError, PATIENCE};
+use crate::rig::operation::{Operation, OperationError};
 use crate::rig::simulated::Disturbance;
 use crate::rig::wiring_fault::Miswired;
 
@@ -191,9 +187,9 @@ impl Watched {
         let late = Xoshiro256PlusPlus::seed_from_u64(seed);
         let mut watched = Self { operation, largest_current: Ammeter::default(), late };
         watched.operation.robot.disturb(watched.largest_current.clone());
-        watched.operation.connect()?;
+        watched.wait_until_connected()?;
         // As a new robot: nobody knows its motors.
-        watched.operation.ask(Command::Parameter(ParameterCommand::Reset))?;
+        watched.request(Command::Parameter(ParameterCommand::Reset))?;
         watched.pause(Duration::from_millis(300))?;
         Ok(watched)
     }
@@ -219,34 +215,40 @@ impl Watched {
         mut settings: BTreeMap<String, f64>,
     ) -> Result<BTreeMap<String, f64>, OperationError> {
         for (name, value) in &settings {
-            self.set(name, *value)?;
+            self.set(name.as_str(), *value as f32)?;
         }
         if let Outcome::Refused(Refusal::UnstablePosition {
             position_bandwidth_instead: instead,
             ..
-        }) = self.operation.ask(Command::Parameter(ParameterCommand::Check))?
+        }) = self.request(Command::Parameter(ParameterCommand::Check))?
         {
             let name = "position_bandwidth";
-            self.set(name, instead.into())?;
+            self.set(name, instead)?;
             settings.insert(name.to_owned(), instead.into());
         }
         Ok(settings)
     }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), OperationError> {
-        let name = name.try_into().map_err(|_| OperationError::OtherAnswer)?;
-        self.ask(Command::Parameter(ParameterCommand::Set(name, value as f32)))?;
-        Ok(())
-    }
 }
 
-impl Commissionable for Watched {
+impl Linked for Watched {
     type Error = OperationError;
 
+    fn operate(&mut self) -> (&mut Client, Instant) {
+        self.operation.operate()
+    }
+
+    fn wait(&mut self, longest: Duration) -> Result<(), OperationError> {
+        self.operation.wait(longest)
+    }
+
+    fn refusal(error: &OperationError) -> Option<&Refusal> {
+        Operation::<Plant>::refusal(error)
+    }
+
     fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
-        let end = self.operation.now() + PATIENCE;
+        let end = self.operation.now() + ARM_PATIENCE;
         loop {
-            match self.operation.ask(command.clone())? {
+            match self.request(command.clone())? {
                 Outcome::Refused(refusal) if passes(&refusal) && self.operation.now() < end => {
                     self.pause(Duration::from_millis(20))?;
                 }
@@ -261,28 +263,7 @@ impl Commissionable for Watched {
         Ok(self.operation.run(duration + late, |_| {})?)
     }
 
-    fn telemetry(&mut self) -> Option<Telemetry> {
-        self.operation.client().telemetry().copied()
-    }
-
-    fn arm(&mut self) -> Result<(), OperationError> {
-        self.operation.arm()
-    }
-
-    fn disarm(&mut self) -> Result<(), OperationError> {
-        self.operation.client().release();
-        self.ask(Command::Disarm)?;
-        self.operation.await_state(&[State::Disarmed])
-    }
-
     fn hold(&mut self, setpoint: Setpoint) {
         self.operation.hold(setpoint);
-    }
-
-    fn refusal(error: &OperationError) -> Option<&Refusal> {
-        match error {
-            OperationError::Link(LinkError::Refused(refusal)) => Some(refusal),
-            _ => None,
-        }
     }
 }

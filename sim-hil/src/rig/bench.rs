@@ -1,6 +1,7 @@
 //! The bench: a shaker without legs on a stand, and an operator on a network before it.
 
-use flix_protocol::message::{Command, Setpoint, State};
+use flix_host::link::Linked;
+use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
 use flix_protocol::units::OutOfRange;
 use serde::Serialize;
@@ -178,7 +179,6 @@ fn operation(
 pub fn learnt(base: Base, seed: u64) -> Result<Option<Vec<u8>>, BenchError> {
     let mut operation = bench(base, seed)?;
     operation.arm()?;
-    operation.ask(Command::Disarm)?;
-    operation.await_state(&[State::Disarmed])?;
+    operation.disarm()?;
     Ok(operation.robot.parameters().flash.content())
 }

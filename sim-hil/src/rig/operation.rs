@@ -6,9 +6,9 @@
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
-use flix_host::link::{ARM_PATIENCE, Arming, Client, LinkError, Update};
+use flix_host::link::{Client, LinkError, Linked};
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Command, Outcome, ParameterCommand, Setpoint, State};
+use flix_protocol::message::{Refusal, Setpoint};
 use flix_protocol::session::{Key, StopSession};
 use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
@@ -17,9 +17,6 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::plant::{Diverged, Mechanics};
 use crate::rig::channel::{Channel, ChannelParameters};
 use crate::rig::simulated::{SimulatedRobot, Truth};
-
-/// How long an operator waits for what he asked: connecting, answers.
-pub const PATIENCE: Duration = Duration::from_secs(20);
 
 /// The simulation did not do what its operator asked.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -30,15 +27,6 @@ pub enum OperationError {
     /// The robot does not do what it is asked.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// It took too long.
-    #[error("the simulated robot did not get to {awaited} within {} s", PATIENCE.as_secs())]
-    TooLate {
-        /// What was waited for.
-        awaited: &'static str,
-    },
-    /// It has no setting of this name, or the answer was of another kind.
-    #[error("the simulated robot answered something else than was asked")]
-    OtherAnswer,
 }
 
 /// The way that a datagram goes.
@@ -256,107 +244,30 @@ impl<M: Mechanics> Operation<M> {
         }
         Ok(())
     }
+}
 
-    /// Runs until the first operator gets an update that `pick` takes.
-    fn await_update<T>(
-        &mut self,
-        awaited: &'static str,
-        mut pick: impl FnMut(&Update) -> Option<T>,
-    ) -> Result<T, OperationError> {
-        let end = self.now() + PATIENCE;
-        while self.now() < end {
-            while let Some(update) = self.client().update() {
-                if let Some(found) = pick(&update) {
-                    return Ok(found);
-                }
-                if let Update::Failed(error) = update {
-                    return Err(LinkError::Connect(error).into());
-                }
-            }
-            self.tick()?;
-        }
-        Err(OperationError::TooLate { awaited })
+/// The first operator's robot. What he holds he wants, as a person does; nothing has happened yet when that returns.
+impl<M: Mechanics> Linked for Operation<M> {
+    type Error = OperationError;
+
+    fn operate(&mut self) -> (&mut Client, Instant) {
+        let shown = self.shown();
+        (self.client(), shown)
     }
 
-    /// Runs until the session stands.
-    ///
-    /// # Errors
-    /// When the robot refuses or does not answer.
-    pub fn connect(&mut self) -> Result<(), OperationError> {
-        self.await_update("a session", |update| matches!(update, Update::Connected).then_some(()))
+    fn wait(&mut self, _: Duration) -> Result<(), OperationError> {
+        Ok(self.tick()?)
     }
 
-    /// Asks and runs until the answer is there.
-    ///
-    /// # Errors
-    /// When there is none; a refusal, too, is an answer.
-    pub fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
-        let now = self.shown();
-        let asked = self.client().request(now, command);
-        self.await_update("an answer", |update| match update {
-            Update::Answer { request, outcome } if *request == asked => Some(outcome.clone()),
-            _ => None,
-        })
-    }
-
-    /// Returns the value of a setting.
-    ///
-    /// # Errors
-    /// When the robot has none of this name, or does not answer.
-    pub fn setting(&mut self, name: &str) -> Result<f64, OperationError> {
-        let name = name.try_into().map_err(|_| OperationError::OtherAnswer)?;
-        match self.ask(Command::Parameter(ParameterCommand::Get(name)))? {
-            Outcome::Parameter(parameter) => Ok(f64::from(parameter.value)),
-            Outcome::Refused(refusal) => Err(LinkError::Refused(refusal).into()),
-            _ => Err(OperationError::OtherAnswer),
+    fn refusal(error: &OperationError) -> Option<&Refusal> {
+        match error {
+            OperationError::Link(error) => error.refusal(),
+            OperationError::Diverged(_) => None,
         }
     }
 
-    /// Connects, proves the link, arms, and runs until the robot says that it is armed: after
-    /// aligning, if it has to. From then on rest is held.
-    ///
-    /// # Errors
-    /// When the robot refuses or a fault comes up.
-    pub fn arm(&mut self) -> Result<(), OperationError> {
-        let now = self.shown();
-        if !self.client().is_connected(now) {
-            self.connect()?;
-        }
-        let now = self.shown();
-        let mut arming = Arming::begin(now, self.client(), now + ARM_PATIENCE);
-        let mut has_obeyed = false;
-        loop {
-            let now = self.shown();
-            if let Some(ended) = arming.advance(now, self.client()) {
-                return Ok(ended?);
-            }
-            if arming.is_obeyed() && !has_obeyed {
-                has_obeyed = true;
-                self.hold(Setpoint::REST);
-            }
-            self.tick()?;
-        }
-    }
-
-    /// Runs until telemetry shows one of these states.
-    ///
-    /// # Errors
-    /// When a fault comes up instead, or it takes too long.
-    pub fn await_state(&mut self, states: &[State]) -> Result<(), OperationError> {
-        // Updates from before this request are old.
-        while self.client().update().is_some() {}
-        self.await_update("the awaited state", |update| match update {
-            Update::Telemetry(telemetry) if states.contains(&telemetry.state) => Some(Ok(())),
-            Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
-                Some(Err(LinkError::faulted(telemetry).into()))
-            }
-            _ => None,
-        })?
-    }
-
-    /// Commands the robot to shake so, as a person does; nothing has happened yet when this returns.
-    pub fn hold(&mut self, setpoint: Setpoint) {
-        let now = self.shown();
-        self.client().want(now, setpoint);
+    fn hold(&mut self, setpoint: Setpoint) {
+        let (client, shown) = self.operate();
+        client.want(shown, setpoint);
     }
 }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use flix_host::link::Linked;
 use flix_host::nav::{
     Approach, Decision, ModeTable, Navigator, Path, PathError, Position, Settings, Task,
 };
@@ -11,7 +12,7 @@ use flix_host::teleop::cockpit::Weight;
 use flix_host::teleop::page::message::Message;
 use flix_host::teleop::page::pages::{PageId, Pages};
 use flix_host::teleop::page::snapshot::{EXTRAS, News, snapshot};
-use flix_protocol::message::{Command, Setpoint, State};
+use flix_protocol::message::{Setpoint, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 use flix_sim::model::{ModelError, RobotModel};
@@ -396,8 +397,7 @@ fn align(parameters: &RobotParameters, model: &RobotModel) -> Result<(), Trouble
     let robot = SimulatedRobot::new(parameters.clone(), Plant::new(model)?);
     let mut operation = Operation::new(robot, ChannelParameters::QUIET_WIFI);
     operation.arm()?;
-    operation.ask(Command::Disarm)?;
-    Ok(operation.await_state(&[State::Disarmed])?)
+    Ok(operation.disarm()?)
 }
 
 /// Returns what can break in the robot: name, fault, and for how long.

@@ -12,9 +12,9 @@ use flix_protocol::settings::description;
 
 use super::address::{RobotArgs, key_file};
 use file::Change;
-use flix_host::link::LinkError;
 use flix_host::link::keys::KEY_FILE_VARIABLE;
 use flix_host::link::udp::Connection;
+use flix_host::link::{LinkError, Linked};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::teleop::settings::Described;
 use flix_shell::number::in_unit;
@@ -123,7 +123,7 @@ fn value_of(connection: &mut Connection, name: &Name, text: &str) -> Result<f32,
     if let Ok(number) = text.trim().parse::<f32>() {
         return Ok(number);
     }
-    let found = get(connection, name.clone());
+    let found = connection.parameter(name.clone());
     let parameter = found.map_err(|error| named(connection, name, error))?;
     let is_switch = (parameter.minimum, parameter.maximum) == (0.0, 1.0);
     let is_word = !text.contains(|it: char| it.is_ascii_digit());
@@ -160,7 +160,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         Action::Get { name, json, .. } => {
             let name = wire_name(name)?;
             let mut connection = robot.connect(&interrupt)?;
-            let parameter = get(&mut connection, name.clone())
+            let parameter = connection
+                .parameter(name.clone())
                 .map_err(|error| named(&mut connection, &name, error))?;
             if *json {
                 print_json(&Described::from(&parameter))?;
@@ -176,7 +177,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let name = wire_name(name)?;
             let mut connection = robot.connect(&interrupt)?;
             let value = value_of(&mut connection, &name, value)?;
-            set(&mut connection, name.clone(), value)
+            connection
+                .set(name.clone(), value)
                 .map_err(|error| explained(&mut connection, (name, value), error))?;
             save_if(&mut connection, *save)?;
             warn(&mut connection)?;
@@ -242,7 +244,7 @@ fn list(connection: &mut Connection) -> Result<Vec<Parameter>, LinkError> {
         let first = u16::try_from(parameters.len()).unwrap_or(u16::MAX);
         let command = Command::Parameter(ParameterCommand::List(first));
         let Outcome::Parameters { total, entries } = connection.ask(command)? else {
-            return Err(LinkError::Unanswered);
+            return Err(LinkError::OtherAnswer);
         };
         if entries.is_empty() {
             return Ok(parameters);
@@ -252,21 +254,6 @@ fn list(connection: &mut Connection) -> Result<Vec<Parameter>, LinkError> {
             return Ok(parameters);
         }
     }
-}
-
-fn get(connection: &mut Connection, name: Name) -> Result<Parameter, LinkError> {
-    match connection.ask(Command::Parameter(ParameterCommand::Get(name)))? {
-        Outcome::Parameter(parameter) => Ok(parameter),
-        _ => Err(LinkError::Unanswered),
-    }
-}
-
-fn set(connection: &mut Connection, name: Name, value: f32) -> Result<(), LinkError> {
-    connection.ask(Command::Parameter(ParameterCommand::Set(name, value))).map(drop)
-}
-
-fn put(connection: &mut Connection, name: Name, value: f32, mark: Mark) -> Result<(), LinkError> {
-    connection.ask(Command::Parameter(ParameterCommand::Put(name, value, mark))).map(drop)
 }
 
 /// Warns of settings that would be refused for what they are together when the robot is armed.
@@ -314,7 +301,7 @@ fn explained(connection: &mut Connection, (name, value): (Name, f32), error: Lin
     let LinkError::Refused(Refusal::OutOfRange { .. }) = error else {
         return named(connection, &name, error);
     };
-    let unit = match get(connection, name) {
+    let unit = match connection.parameter(name) {
         Ok(Parameter { unit, .. }) if unit != "1" => format!(" {unit}"),
         _ => String::new(),
     };
@@ -345,7 +332,7 @@ fn import(
         let before = done.len();
         let mut refusal = None;
         for change in std::mem::take(&mut left) {
-            match set(connection, change.name.clone(), change.new) {
+            match connection.set(change.name.clone(), change.new) {
                 Ok(()) => done.push(change),
                 Err(error @ LinkError::Refused(_)) => {
                     refusal = Some(error);
@@ -367,13 +354,13 @@ fn import(
 fn undo(connection: &mut Connection, done: &[Change], present: &[Parameter]) {
     // The error that led here is reported; another one adds nothing.
     for change in done.iter().rev() {
-        let _ = put(connection, change.name.clone(), change.old, Mark::Measured);
+        let _ = connection.put(change.name.clone(), change.old, Mark::Measured);
     }
     let now = list(connection).unwrap_or_default();
     for (before, now) in present.iter().zip(&now) {
         if (before.value, before.mark) != (now.value, now.mark) {
             let mark = before.mark.unwrap_or(Mark::Measured);
-            let _ = put(connection, before.name.clone(), before.value, mark);
+            let _ = connection.put(before.name.clone(), before.value, mark);
         }
     }
 }

@@ -8,8 +8,7 @@ use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
 use flix_protocol::message::{
-    Command, Outcome, SCOPE_RATE_HZ, ScopeCommand, ScopePlan, ScopeState, ScopeStatus, Setpoint,
-    State, Trigger,
+    SCOPE_RATE_HZ, ScopeCommand, ScopePlan, ScopeState, ScopeStatus, Setpoint, State, Trigger,
 };
 use flix_protocol::units::{Degrees, Hertz};
 use indicatif::ProgressBar;
@@ -20,9 +19,9 @@ use super::address::RobotArgs;
 use super::drive::{direction, frequency, give_up, stop};
 use crate::teleop::terminal::{Screen, is_closed};
 use flix_host::link::udp::Connection;
-use flix_host::link::{LinkError, Update, is_reached};
+use flix_host::link::{LinkError, Linked, Update, is_reached};
 use flix_host::record::dated;
-use flix_host::scope::{Capture, Extent, channels, files, trigger};
+use flix_host::scope::{self, Capture, Extent, channels, files, trigger};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
 use flix_host::teleop::action::Action;
@@ -169,11 +168,11 @@ fn once(
 ) -> Result<Option<Capture>, Error> {
     let begins_now = plan.trigger == Trigger::Now;
     if !begins_now {
-        ask(connection, ScopeCommand::Begin(plan.clone()))?;
+        scope::ask(connection, ScopeCommand::Begin(plan.clone()))?;
     }
     driven.begin(connection)?;
     if begins_now {
-        ask(connection, ScopeCommand::Begin(plan.clone()))?;
+        scope::ask(connection, ScopeCommand::Begin(plan.clone()))?;
     }
     let status = await_capture(connection, driven, patience)?;
     driven.end(connection)?;
@@ -183,7 +182,7 @@ fn once(
 
 /// Fetches what the robot has kept of a fault.
 fn last(connection: &mut Connection, driven: &mut Driven) -> Result<Option<Capture>, Error> {
-    let status = ask(connection, ScopeCommand::Status)?;
+    let status = scope::ask(connection, ScopeCommand::Status)?;
     if status.state != ScopeState::Complete {
         return Err(Error::new(
             Exit::Nothing,
@@ -217,7 +216,8 @@ fn live(
         if driven.screen.as_mut().is_some_and(|screen| screen.draw(draw).is_err()) {
             break Err(LinkError::Interrupted.into());
         }
-        let captured = ask(connection, ScopeCommand::Begin(plan.clone()))
+        let captured = scope::ask(connection, ScopeCommand::Begin(plan.clone()))
+            .map_err(Error::from)
             .and_then(|_| await_capture(connection, driven, patience))
             .and_then(|status| match status {
                 Some(status) => fetch(connection, driven, status),
@@ -303,13 +303,6 @@ impl Driven {
     }
 }
 
-fn ask(connection: &mut Connection, command: ScopeCommand) -> Result<ScopeStatus, Error> {
-    match connection.ask(Command::Scope(command))? {
-        Outcome::Scope(status) => Ok(status),
-        _ => Err(LinkError::Unanswered.into()),
-    }
-}
-
 /// Waits until the capture is complete; `None` when the operator leaves before.
 fn await_capture(
     connection: &mut Connection,
@@ -318,7 +311,7 @@ fn await_capture(
 ) -> Result<Option<ScopeStatus>, Error> {
     let start = std::time::Instant::now();
     while !driven.is_left()? {
-        let status = ask(connection, ScopeCommand::Status)?;
+        let status = scope::ask(connection, ScopeCommand::Status)?;
         if status.state == ScopeState::Complete {
             return Ok(Some(status));
         }
@@ -349,19 +342,14 @@ fn fetch(
         None => ProgressBar::new(status.rows.into()),
     };
     let mut capture = Capture::new(status);
-    while let Some(first) = capture.wanted() {
-        if driven.is_left()? {
-            return Ok(None);
-        }
-        let outcome = connection.ask(Command::Scope(ScopeCommand::Read(first)))?;
-        let is_taken = matches!(&outcome, Outcome::ScopeRows(rows) if capture.take(rows));
-        if !is_taken {
-            return Err(LinkError::Unanswered.into());
+    while !driven.is_left()? {
+        if !scope::fetch(connection, &mut capture)? {
+            bar.finish_and_clear();
+            return Ok(Some(capture));
         }
         bar.set_position(capture.rows() as u64);
     }
-    bar.finish_and_clear();
-    Ok(Some(capture))
+    Ok(None)
 }
 
 #[derive(Debug, Serialize)]

@@ -10,6 +10,7 @@
 use std::time::Duration;
 
 use flix_firmware::hardware::TICK_RATE_HZ;
+use flix_host::link::Linked;
 use flix_protocol::message::{Command, Dropped, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::{Instant, OutOfRange};

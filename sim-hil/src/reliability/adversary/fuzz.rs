@@ -2,6 +2,7 @@
 
 use core::net::SocketAddr;
 
+use flix_host::link::Linked;
 use flix_protocol::frame::{Datagram, MAXIMUM_MESSAGE};
 use flix_protocol::message::{ToOperator, ToRobot, unreadable};
 use flix_protocol::provision::{Answer, FrameReader, Request};
@@ -19,7 +20,7 @@ use crate::rig::operation::Operation;
 /// Feeds so many bytes to decoders and to a live robot; returns how many. Panics where they do.
 pub(super) fn fuzz(seed: u64, bytes: u64) -> u64 {
     let Ok(mut operation) = bench_knowing(Base::Fixed, seed, None, NETWORK) else { return 0 };
-    let _ = operation.connect();
+    let _ = operation.wait_until_connected();
     let mut fuzzer = Fuzzer::new(seed, &operation);
     let mut fed = 0;
     while fed < bytes {

@@ -314,6 +314,7 @@ fn verdict(
 mod tests {
     use super::*;
     use crate::rig::bench::bench;
+    use flix_host::link::Linked;
     use flix_protocol::message::{Command, ParameterCommand};
 
     const NONE: Effort = Effort { datagrams: 0, sessions: 0, bytes: 0 };
@@ -340,10 +341,10 @@ mod tests {
     #[test]
     fn a_robot_that_brakes_weakly_does_not_pass() {
         let mut operation = bench(Base::Free, 3).unwrap();
-        operation.connect().unwrap();
+        operation.wait_until_connected().unwrap();
         let set = ParameterCommand::Set("current_limit".try_into().unwrap(), 0.25);
-        operation.ask(Command::Parameter(set)).unwrap();
-        operation.ask(Command::Parameter(ParameterCommand::Save)).unwrap();
+        operation.request(Command::Parameter(set)).unwrap();
+        operation.request(Command::Parameter(ParameterCommand::Save)).unwrap();
         let flash = operation.robot.parameters().flash.content();
         let verdict = attack(3, Effort { sessions: 44, ..NONE }, &flash, |_| ()).unwrap();
         let movement_s = verdict.longest_movement_after_intent_s;

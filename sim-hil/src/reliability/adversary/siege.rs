@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::provision::Provisioner;
+use flix_host::link::Linked;
 use flix_host::teleop::page::hall::{Hall, PATIENCE};
 use flix_protocol::failsafe::LINK_LOST;
 use flix_protocol::frame::{HEAD, Nonce};
@@ -215,7 +216,7 @@ impl Siege {
     /// A network falls silent until the rotors stand, and then carries again what the operator's program repeats.
     fn silence(&mut self, seed: u64, flash: &Option<Vec<u8>>) -> Result<(), BenchError> {
         let mut operation = bench_knowing(Base::Free, seed, flash.clone(), NETWORK)?;
-        operation.connect()?;
+        operation.wait_until_connected()?;
         operation.arm()?;
         operation.hold(setpoint(30.0, 30.0)?);
         operation.run(Duration::from_millis(1_200), |_| {})?;

@@ -367,6 +367,7 @@ fn is_near(truth: &Truth, setpoint: Setpoint) -> bool {
 #[cfg(test)]
 mod tests {
     use flix_firmware::hardware::Actuation;
+    use flix_host::link::Linked;
 
     use super::*;
     use crate::rig::simulated::Disturbance;

@@ -1,53 +1,11 @@
-//! The robot as commissioning sees it, the steps, and why one comes to no end.
+//! The steps of commissioning, and why one comes to no end.
 
-use std::time::Duration;
-
-use flix_protocol::message::{Command, Faults, Outcome, Refusal, Setpoint, Telemetry};
+use flix_protocol::message::Faults;
 
 use super::finding::Finding;
 
 /// Current limit while the amplifiers' scale is hardly known, A: a margin of 30 % below 2 A for what currents overshoot.
 pub(super) const CURRENT_LIMIT: f64 = 1.4;
-
-/// A robot over its link, and the time that passes.
-pub trait Subject {
-    /// Why it did not do as asked.
-    type Error;
-
-    /// Asks, and waits for the answer; a refusal is an error. While the robot refuses for a reason that passes, it is
-    /// asked again.
-    ///
-    /// # Errors
-    /// When it refuses, or there is no answer.
-    fn ask(&mut self, command: Command) -> Result<Outcome, Self::Error>;
-
-    /// Lets this time pass.
-    ///
-    /// # Errors
-    /// When the session ends or the operator interrupts.
-    fn pause(&mut self, duration: Duration) -> Result<(), Self::Error>;
-
-    /// Returns the newest telemetry.
-    fn telemetry(&mut self) -> Option<Telemetry>;
-
-    /// Arms, and waits until the motors are aligned.
-    ///
-    /// # Errors
-    /// When the robot refuses or has a fault.
-    fn arm(&mut self) -> Result<(), Self::Error>;
-
-    /// Brings the rotors to rest and waits until they are.
-    ///
-    /// # Errors
-    /// When they do not come to rest.
-    fn disarm(&mut self) -> Result<(), Self::Error>;
-
-    /// Commands the robot to shake so until something else is commanded.
-    fn hold(&mut self, setpoint: Setpoint);
-
-    /// Returns the refusal that this error reports.
-    fn refusal(error: &Self::Error) -> Option<&Refusal>;
-}
 
 /// Commissioning came to no end.
 #[derive(Debug, thiserror::Error)]

@@ -1,0 +1,321 @@
+//! A robot over its link: asking, arming, disarming, in whatever time passes.
+
+use std::time::Duration;
+
+use flix_protocol::message::{
+    Command, Mark, Name, Outcome, Parameter, ParameterCommand, Refusal, Setpoint, State, Telemetry,
+};
+use flix_protocol::session::ConnectError;
+use flix_protocol::units::Instant;
+
+use super::{
+    ARM_PATIENCE, Arming, Client, LinkError, PASSING_PATIENCE, REQUEST_PATIENCE, REVOKED_PATIENCE,
+    TELEMETRY_LAG, Update,
+};
+
+/// Twice the longest time in which a robot ramps down.
+pub(super) const DISARM_PATIENCE: Duration = Duration::from_secs(2);
+/// Longest time that passes between two looks at what has come.
+pub(super) const LONGEST_WAIT: Duration = Duration::from_millis(20);
+
+/// A robot over its link: on a socket in real time ([`super::udp::Connection`]), or simulated. It takes a client, its time and a
+/// way to let time pass; the rest follows.
+///
+/// All that waits ends with [`LinkError::Connect`], [`LinkError::Silent`], [`LinkError::Back`] or [`LinkError::Left`] where the
+/// session ends, and with what [`Linked::wait`] fails with.
+pub trait Linked {
+    /// Why the robot did not do as asked.
+    type Error: From<LinkError>;
+
+    /// Returns the client, to command it, and its present time.
+    fn operate(&mut self) -> (&mut Client, Instant);
+
+    /// Lets time pass, for at most `longest` where that can be chosen, and datagrams travel.
+    ///
+    /// # Errors
+    /// When the network fails permanently, a simulation cannot go on, or the program is interrupted.
+    fn wait(&mut self, longest: Duration) -> Result<(), Self::Error>;
+
+    /// Returns the refusal that this error reports.
+    fn refusal(error: &Self::Error) -> Option<&Refusal>;
+
+    /// Returns what it means that the client failed to connect.
+    fn no_session(&self, error: ConnectError) -> LinkError {
+        LinkError::Connect(error)
+    }
+
+    /// Runs until `look` returns a value for an update or, once all are seen, for none, through lost sessions, too; waits for no
+    /// longer than until `deadline` between two looks.
+    ///
+    /// # Errors
+    /// When time does not pass any more.
+    fn watch<T>(
+        &mut self,
+        deadline: Instant,
+        mut look: impl FnMut(&mut Client, Instant, Option<&Update>) -> Option<T>,
+    ) -> Result<T, Self::Error> {
+        loop {
+            let (client, now) = self.operate();
+            while let Some(update) = client.update() {
+                if let Some(found) = look(client, now, Some(&update)) {
+                    return Ok(found);
+                }
+            }
+            if let Some(found) = look(client, now, None) {
+                return Ok(found);
+            }
+            self.wait(deadline.since(now).min(LONGEST_WAIT))?;
+        }
+    }
+
+    /// Does so in this session.
+    ///
+    /// # Errors
+    /// When the session ends.
+    fn watch_session<T>(
+        &mut self,
+        deadline: Instant,
+        mut look: impl FnMut(&mut Client, Instant, Option<&Update>) -> Option<T>,
+    ) -> Result<T, Self::Error> {
+        let found = self.watch(deadline, |client, now, update| {
+            let found = look(client, now, update).map(Ok);
+            let ends = |it: &&Update| matches!(it, Update::Failed(_) | Update::Lost | Update::Left);
+            found.or_else(|| update.filter(ends).cloned().map(Err))
+        })?;
+        found.map_err(|ended| {
+            let why = match ended {
+                Update::Failed(error) => self.no_session(error),
+                Update::Lost => self.why_lost(),
+                _ => LinkError::Left,
+            };
+            why.into()
+        })
+    }
+
+    /// Runs the link until `look` returns a value for an update, for at most `patience`. `None` when
+    /// the time is over.
+    ///
+    /// # Errors
+    /// When the session ends.
+    fn wait_for<T>(
+        &mut self,
+        patience: Duration,
+        mut look: impl FnMut(&Client, &Update) -> Option<T>,
+    ) -> Result<Option<T>, Self::Error> {
+        let deadline = self.operate().1 + patience;
+        self.watch_session(deadline, |client, now, update| match update {
+            Some(update) => look(client, update).map(Some),
+            None => (now >= deadline).then_some(None),
+        })
+    }
+
+    /// Waits until telemetry fulfils a condition, for at most `patience`. `None` when it did not.
+    ///
+    /// # Errors
+    /// When the session ends.
+    fn wait_for_telemetry(
+        &mut self,
+        patience: Duration,
+        mut is_wanted: impl FnMut(&Telemetry) -> bool,
+    ) -> Result<Option<Telemetry>, Self::Error> {
+        self.wait_for(patience, |_, update| match update {
+            Update::Telemetry(telemetry) if is_wanted(telemetry) => Some(*telemetry),
+            _ => None,
+        })
+    }
+
+    /// Lets this time pass.
+    ///
+    /// # Errors
+    /// When the session ends.
+    fn pause(&mut self, duration: Duration) -> Result<(), Self::Error> {
+        self.wait_for(duration, |_, _| None::<()>).map(|_| ())
+    }
+
+    /// Returns why the session is lost: a robot that is there refuses a key that was revoked, or answers again. Of one that
+    /// answers its state is awaited, too: it decides whether the robot is still driven.
+    fn why_lost(&mut self) -> LinkError {
+        let deadline = self.operate().1 + REVOKED_PATIENCE;
+        let mut why = LinkError::Silent;
+        let found = self.watch(deadline, |_, now, update| match update {
+            Some(Update::Failed(ConnectError::WrongKey)) => Some(LinkError::Revoked),
+            Some(Update::Connected) => {
+                why = LinkError::Back;
+                None
+            }
+            Some(Update::Telemetry(_)) => Some(LinkError::Back),
+            Some(_) => None,
+            None => (now >= deadline).then(|| why.clone()),
+        });
+        found.unwrap_or(why)
+    }
+
+    /// Waits until the session is open, as long as the session tries
+    /// ([`flix_protocol::session::CONNECT_PATIENCE`]).
+    ///
+    /// # Errors
+    /// When there is none.
+    fn wait_until_connected(&mut self) -> Result<(), Self::Error> {
+        let deadline = self.operate().1 + 2 * flix_protocol::session::CONNECT_PATIENCE;
+        let connected = self.watch(deadline, |_, now, update| match update {
+            Some(Update::Connected) => Some(Ok(())),
+            Some(Update::Failed(error)) => Some(Err(*error)),
+            Some(_) => None,
+            None => (now >= deadline).then_some(Err(ConnectError::NoAnswer)),
+        })?;
+        Ok(connected.map_err(|error| self.no_session(error))?)
+    }
+
+    /// Sends a request to the robot and waits for the answer; a refusal, too, is one.
+    ///
+    /// # Errors
+    /// When the robot does not answer.
+    fn request(&mut self, command: Command) -> Result<Outcome, Self::Error> {
+        let (client, now) = self.operate();
+        let request = client.request(now, command);
+        self.answer(request)
+    }
+
+    /// Waits for the answer to this request.
+    ///
+    /// # Errors
+    /// When there is none.
+    fn answer(&mut self, request: u32) -> Result<Outcome, Self::Error> {
+        let longest = PASSING_PATIENCE + 2 * REQUEST_PATIENCE;
+        let outcome = self.wait_for(longest, |_, update| match update {
+            Update::Answer { request: answered, outcome } if *answered == request => {
+                Some(Some(outcome.clone()))
+            }
+            Update::Unanswered { request: given_up } if *given_up == request => Some(None),
+            _ => None,
+        })?;
+        Ok(outcome.flatten().ok_or(LinkError::Unanswered)?)
+    }
+
+    /// Sends a request to the robot and waits for the answer. A refusal is an error; while the robot
+    /// refuses because of a state that passes, the request is repeated, for at most
+    /// [`PASSING_PATIENCE`].
+    ///
+    /// # Errors
+    /// When the robot refuses or does not answer.
+    fn ask(&mut self, command: Command) -> Result<Outcome, Self::Error> {
+        let (client, now) = self.operate();
+        let request = client.insist(now, command, PASSING_PATIENCE);
+        match self.answer(request)? {
+            Outcome::Refused(Refusal::Stopped) => Err(self.why_stopped()?.into()),
+            Outcome::Refused(refusal) => Err(LinkError::Refused(refusal).into()),
+            outcome => Ok(outcome),
+        }
+    }
+
+    /// Returns who stopped the robot, as soon as telemetry states it.
+    ///
+    /// # Errors
+    /// When the session ends.
+    fn why_stopped(&mut self) -> Result<LinkError, Self::Error> {
+        let stopper = match self.operate().0.stopped_by() {
+            None => self.wait_for(TELEMETRY_LAG, |client, _| client.stopped_by())?,
+            known => known,
+        };
+        Ok(stopper.map_or(LinkError::Refused(Refusal::Stopped), LinkError::StoppedBy))
+    }
+
+    /// Returns a setting.
+    ///
+    /// # Errors
+    /// As for [`Linked::ask`]; when the robot has none of this name.
+    fn parameter(&mut self, name: impl TryInto<Name>) -> Result<Parameter, Self::Error> {
+        match self.ask(Command::Parameter(ParameterCommand::Get(known(name)?)))? {
+            Outcome::Parameter(parameter) => Ok(parameter),
+            _ => Err(LinkError::OtherAnswer.into()),
+        }
+    }
+
+    /// Sets a setting until power-off.
+    ///
+    /// # Errors
+    /// As for [`Linked::parameter`]; when the robot refuses the value.
+    fn set(&mut self, name: impl TryInto<Name>, value: f32) -> Result<(), Self::Error> {
+        self.ask(Command::Parameter(ParameterCommand::Set(known(name)?, value))).map(drop)
+    }
+
+    /// Does the same, and states how the value is known.
+    ///
+    /// # Errors
+    /// As for [`Linked::set`].
+    fn put(&mut self, name: impl TryInto<Name>, value: f32, mark: Mark) -> Result<(), Self::Error> {
+        self.ask(Command::Parameter(ParameterCommand::Put(known(name)?, value, mark))).map(drop)
+    }
+
+    /// Returns the value of a setting.
+    ///
+    /// # Errors
+    /// As for [`Linked::parameter`].
+    fn setting(&mut self, name: impl TryInto<Name>) -> Result<f64, Self::Error> {
+        Ok(self.parameter(name)?.value.into())
+    }
+
+    /// Arms the robot, once it is connected: waits until the link is proven and the motors are aligned. From then on the
+    /// robot holds its rotors at rest until [`Client::hold`] commands something else.
+    ///
+    /// # Errors
+    /// As for [`Linked::ask`]; when a fault is latched.
+    fn arm(&mut self) -> Result<(), Self::Error> {
+        let (client, now) = self.operate();
+        if !client.is_connected(now) {
+            self.wait_until_connected()?;
+        }
+        let (client, now) = self.operate();
+        let deadline = now + ARM_PATIENCE;
+        let mut arming = Arming::begin(now, client, deadline);
+        let mut has_obeyed = false;
+        let ended = self.watch_session(deadline, |client, now, update| {
+            if let Some(update) = update {
+                return arming.observe(now, client, update);
+            }
+            let given_up = arming.poll(now, client);
+            // Goes out at once.
+            if arming.is_obeyed() && !has_obeyed {
+                has_obeyed = true;
+                client.want(now, Setpoint::REST);
+            }
+            given_up.map(Err)
+        })?;
+        match ended {
+            Err(LinkError::Refused(Refusal::Stopped)) => Err(self.why_stopped()?.into()),
+            ended => Ok(ended?),
+        }
+    }
+
+    /// Brings the rotors to rest and lets the motors coast.
+    ///
+    /// # Errors
+    /// As for [`Linked::ask`]; when the robot does not come to rest in time.
+    fn disarm(&mut self) -> Result<(), Self::Error> {
+        self.operate().0.release();
+        self.ask(Command::Disarm)?;
+        let mut actual = State::Stopping;
+        let disarmed = self.wait_for_telemetry(DISARM_PATIENCE, |telemetry| {
+            actual = telemetry.state;
+            telemetry.state.is_idle()
+        })?;
+        let wanted = State::Disarmed;
+        Ok(disarmed.map(|_| ()).ok_or(LinkError::State { wanted, actual })?)
+    }
+
+    /// Returns the newest telemetry.
+    fn telemetry(&mut self) -> Option<Telemetry> {
+        self.operate().0.telemetry().copied()
+    }
+
+    /// Commands the robot to shake so until something else is commanded.
+    fn hold(&mut self, setpoint: Setpoint) {
+        let (client, now) = self.operate();
+        client.hold(now, setpoint);
+    }
+}
+
+/// Returns the name of a setting; one that is too long no robot knows.
+fn known(name: impl TryInto<Name>) -> Result<Name, LinkError> {
+    name.try_into().map_err(|_| LinkError::Refused(Refusal::UnknownParameter))
+}
