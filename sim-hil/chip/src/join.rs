@@ -147,7 +147,7 @@ impl Join {
     fn dhcp(&mut self, rig: &mut Rig) -> Result<(), RigError> {
         rig.chip.network.trouble = DhcpTrouble { lost: 1, refuses: false, has_refuser: true };
         rig.until_log("invitation to provision", "flix provision")?;
-        let provisioning = rig.provisioning_without_address("walker")?;
+        let provisioning = rig.provisioning(None)?;
         rig.ask_serial(&Request::Provision(provisioning, rig.operator()))?;
         let began = rig.chip.now();
         rig.until_log("connection to the network", "wi-fi: connected")?;

@@ -185,7 +185,7 @@ pub fn cut_all(
     let provision = |key: [u8; 32]| {
         move |rig: &mut Rig| {
             rig.key = Key::new(key);
-            let provisioning = rig.provisioning("walker")?;
+            let provisioning = rig.provisioning(Some(rig.lease()))?;
             rig.ask_serial(&Request::Provision(provisioning, rig.operator()))?;
             let acknowledged = rig.chip.flash().operations().len();
             rig.until_log("connection to the network", "wi-fi: connected")?;

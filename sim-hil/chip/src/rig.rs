@@ -455,31 +455,19 @@ impl Rig {
         })
     }
 
-    /// Returns what this rig's robot is given.
+    /// Returns the address that the network gives this rig's robot.
+    #[must_use]
+    pub fn lease(&self) -> FixedAddress {
+        FixedAddress { address: self.chip.network.lease, prefix_length: 24, gateway: None }
+    }
+
+    /// Returns what this rig's robot is given; without an address it asks DHCP for one.
     ///
     /// # Errors
     /// Never: the values are good.
-    pub fn provisioning(&self, name: &str) -> Result<Provisioning, RigError> {
-        let address =
-            FixedAddress { address: self.chip.network.lease, prefix_length: 24, gateway: None };
-        self.provisioning_with(name, Some(address))
-    }
-
-    /// Returns the same without an address: DHCP gives one.
-    ///
-    /// # Errors
-    /// Never: the values are good.
-    pub fn provisioning_without_address(&self, name: &str) -> Result<Provisioning, RigError> {
-        self.provisioning_with(name, None)
-    }
-
-    fn provisioning_with(
-        &self,
-        name: &str,
-        address: Option<FixedAddress>,
-    ) -> Result<Provisioning, RigError> {
-        Ok(Provisioning::new(name, NAME, PASSPHRASE, address)
-            .map_err(|_| LinkError::OtherAnswer)?)
+    pub fn provisioning(&self, address: Option<FixedAddress>) -> Result<Provisioning, RigError> {
+        let provisioning = Provisioning::new("walker", NAME, PASSPHRASE, address);
+        Ok(provisioning.map_err(|_| LinkError::OtherAnswer)?)
     }
 
     /// Returns who may command this rig's robot.
@@ -502,7 +490,7 @@ impl Rig {
     /// # Errors
     /// As [`Rig::provision`].
     pub fn provision_anew(&mut self) -> Result<(), RigError> {
-        let provisioning = self.provisioning("walker")?;
+        let provisioning = self.provisioning(Some(self.lease()))?;
         self.ask_serial(&Request::Provision(provisioning, self.operator()))?;
         self.until_log("connection to the network", "wi-fi: connected")
     }

@@ -3,7 +3,7 @@
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::{LinkError, Linked};
 use flix_protocol::message::{Command, Outcome, ParameterCommand};
 use flix_protocol::units::Instant;
 use flix_sim::experiment::walk::Start;
@@ -66,13 +66,6 @@ fn failed(error: impl std::fmt::Display) -> PyErr {
     PyRuntimeError::new_err(error.to_string())
 }
 
-fn ask(operation: &mut Operation<Plant>, command: Command) -> PyResult<Outcome> {
-    match operation.request(command).map_err(failed)? {
-        Outcome::Refused(refusal) => Err(failed(refusal)),
-        outcome => Ok(outcome),
-    }
-}
-
 fn setting(operation: &mut Operation<Plant>, name: &str, value: Option<f32>) -> PyResult<f64> {
     let known = name
         .try_into()
@@ -85,9 +78,9 @@ fn setting(operation: &mut Operation<Plant>, name: &str, value: Option<f32>) -> 
     if !operation.client().is_connected(now) {
         operation.wait_until_connected().map_err(failed)?;
     }
-    match ask(operation, Command::Parameter(command))? {
+    match operation.ask(Command::Parameter(command)).map_err(failed)? {
         Outcome::Parameter(parameter) => Ok(f64::from(parameter.value)),
-        _ => Err(failed("the robot answered something else than was asked")),
+        _ => Err(failed(LinkError::OtherAnswer)),
     }
 }
 
@@ -153,7 +146,7 @@ impl Session {
         self.state.calls.push(call.clone());
         py.detach(|| match call {
             Call::Arm => operation.arm().map_err(failed).map(|()| None),
-            Call::Disarm => ask(operation, Command::Disarm).map(|_| None),
+            Call::Disarm => operation.ask(Command::Disarm).map_err(failed).map(|_| None),
             Call::Drive(f_hz, theta_deg) => {
                 operation.hold(setpoint(f_hz, theta_deg).map_err(refused)?);
                 Ok(None)
