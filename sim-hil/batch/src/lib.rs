@@ -269,7 +269,8 @@ impl Batch {
         block.body(lane)
     }
 
-    /// Returns the energy that the ideal drive has put into a robot, J.
+    /// Returns the energy that the ideal drive has put into a robot, J; where [`Batch::set_drive`] set the first one, also what
+    /// brought its rotors to speed at once, over a body at rest.
     #[must_use]
     pub fn motor_work(&self, robot: usize) -> f64 {
         let (block, lane) = self.seat(robot);

@@ -37,7 +37,8 @@ class Batch(_flixwalker.Batch):
     yaw : (n,)
         Heading, rad, positive to the left.
     energy : (n,)
-        What the ideal motors have put in since the last reset, J.
+        What the ideal motors have put in since the last reset, J; from the first drive on also what brought the rotors to
+        speed.
     alive : (n,) of bool
         False once a robot has moved as none does: reset it. Its other values are those of a moment before.
 
@@ -103,7 +104,7 @@ class Batch(_flixwalker.Batch):
         models
             New ones, one a robot; as before if none are given.
         positions : (k, 2)
-            Where on the floor, m; the origin if none are given.
+            Where on the floor, m, to 1000 km; the origin if none are given.
         headings : (k,)
             rad, positive to the left; 0 if none are given.
         """

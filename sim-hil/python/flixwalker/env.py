@@ -84,7 +84,7 @@ class FlixWalkerVectorEnv(VectorEnv):
 
     metadata = {"render_modes": ["html"], "autoreset_mode": AutoresetMode.NEXT_STEP}
     #: What changes, beside the batch.
-    _LASTING = ("random", "_np_random", "weight", "steps", "done", "nearest", "motion")
+    _LASTING = ("random", "_np_random", "_np_random_seed", "weight", "steps", "done", "nearest", "motion")
 
     def __init__(
         self,
@@ -118,6 +118,9 @@ class FlixWalkerVectorEnv(VectorEnv):
             raise ValueError(f"path has the shape {self.path.shape}: give (k, 2), three points at least")
         if not np.isfinite(self.path).all():
             raise ValueError("path holds what is no number")
+        named = [name for field in self.randomize for name in ((field,) if isinstance(field, str) else field)]
+        if twice := sorted({name for name in named if named.count(name) > 1}):
+            raise ValueError(f"randomize names {', '.join(twice)} more than once: give one range a field")
         for field, (low, high) in self.randomize.items():
             if not low <= high:
                 raise ValueError(f"randomize has {low} to {high} for {field}: give (low, high)")
@@ -170,12 +173,16 @@ class FlixWalkerVectorEnv(VectorEnv):
             seed = [_arguments.seeds(seed)[0] + robot for robot in range(self.num_envs)]
         if not hasattr(self, "random"):
             self.random = [np.random.default_rng() for _ in range(self.num_envs)]
+            # Gymnasium's word for one that is not known.
+            self._np_random, self._np_random_seed = self.random[0], -1
         if seed is not None:
             seeds = [None if each is None else _arguments.seeds(each)[0] for each in seed]
             if len(seeds) != self.num_envs:
                 raise ValueError(f"{len(seeds)} seeds for {self.num_envs} robots: give one, or one a robot")
             for robot in np.flatnonzero(mask):
                 self.random[robot] = np.random.default_rng(seeds[robot])
+            if mask[0] and seeds[0] is not None:
+                self._np_random_seed = seeds[0]
             self._np_random = self.random[0]
         self._begin(np.flatnonzero(mask))
         return self._observe(), {}
@@ -210,6 +217,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self.done.any():
             info |= self._final(info)
             self._begin(np.flatnonzero(self.done))
+            info["energy_j"] = self.batch.energy.copy()
         return self._observe(), reward, terminated, truncated, info
 
     def render(self) -> str | None:
@@ -222,12 +230,18 @@ class FlixWalkerVectorEnv(VectorEnv):
         """Return robots, episodes and random numbers, for `set_state` of an environment that was made alike."""
         return copy.deepcopy(
             {name: getattr(self, name) for name in self._LASTING if hasattr(self, name)}
-            | {"batch": self.batch.get_state()}
+            | {"batch": self.batch.get_state(), "made": self._made()}
         )
+
+    def _made(self) -> tuple[object, ...]:
+        """Return what another environment has to have alike to go on from a state of this one."""
+        return type(self).__name__, self.task, self.path.tolist()
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
         state = copy.deepcopy(dict(state))
+        if state.pop("made") != self._made():
+            raise ValueError("this state is of another task or path: make the environment alike")
         self.batch.set_state(state.pop("batch"))
         vars(self).update(state)
         self._film()
@@ -351,7 +365,7 @@ class FlixWalkerVectorEnv(VectorEnv):
 
     def _follow(self) -> None:
         """Take the nearest point of the next eighth of the path, so that crossings are no short cuts."""
-        ahead = np.arange(-len(self.path) // 32, len(self.path) // 8 + 1)
+        ahead = np.arange(-len(self.path) // 32, max(1, len(self.path) // 8) + 1)
         candidates = (self.nearest[:, None] + ahead) % len(self.path)
         gap = self.path[candidates] - self.batch.position[:, None, :2]
         best = np.hypot(gap[..., 0], gap[..., 1]).argmin(axis=1)
@@ -371,6 +385,8 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
     _kind: type[FlixWalkerVectorEnv] = FlixWalkerVectorEnv
 
     def __init__(self, **parameters: Any) -> None:
+        if "autoreset_mode" in parameters:
+            raise TypeError("one robot begins anew by reset alone: autoreset_mode is for many")
         self.many = self._kind(1, **{"threads": 1, **parameters})
         self.render_mode = self.many.render_mode
         self.observation_space = self.many.single_observation_space
@@ -381,6 +397,9 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Put the robot to a new start."""
         super().reset(seed=seed)
+        # What gymnasium.make was given counts, as it does for many.
+        if self.spec is not None and self.spec.max_episode_steps is not None:
+            self.many.limit = self.spec.max_episode_steps
         if seed is not None or not hasattr(self.many, "random"):
             seen, _ = self.many.reset(seed=[int(self.np_random.integers(2**63))])
         else:
@@ -437,9 +456,12 @@ class FlixWalkerPathVectorEnv(FlixWalkerVectorEnv):
             raise ValueError("this environment follows a path: choose tasks by FlixWalker-v1")
         super().__init__(num_envs, "path", **parameters)
         self.path = _even(self.path)
-        tangent = np.roll(self.path, -1, axis=0) - np.roll(self.path, 1, axis=0)
-        length = np.hypot(*tangent.T)[:, None]
-        self.tangent = tangent / length
+        following = np.roll(self.path, -1, axis=0)
+        tangent = following - np.roll(self.path, 1, axis=0)
+        # Where the path turns back, it goes where it goes next.
+        back = np.hypot(*tangent.T) < 0.5 * SPACING_M
+        tangent[back] = following[back] - self.path[back]
+        self.tangent = tangent / np.hypot(*tangent.T)[:, None]
         self.ahead = np.round(np.array(AHEAD_M) / SPACING_M).astype(np.int64)
         self.action = np.zeros((num_envs, 2))
         self.single_observation_space = spaces.Box(-LARGEST, LARGEST, dtype=np.float32)

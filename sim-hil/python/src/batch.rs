@@ -57,12 +57,20 @@ fn each(values: &PyReadonlyArray1<'_, f64>, robots: usize, what: &str) -> PyResu
     }
 }
 
-/// Opens an array of the batch for writing.
+/// Opens an array of the batch of this shape for writing.
 fn open<'py, T: numpy::Element, D: Dimension>(
     py: Python<'py>,
     array: &Py<PyArray<T, D>>,
+    shape: &[usize],
 ) -> PyResult<PyReadwriteArray<'py, T, D>> {
-    array.bind(py).try_readwrite().map_err(|_| {
+    let array = array.bind(py);
+    if array.shape() != shape {
+        return Err(PyValueError::new_err(format!(
+            "an array of this batch was given the shape {:?}: give it {shape:?} again, and reshape a copy",
+            array.shape()
+        )));
+    }
+    array.try_readwrite().map_err(|_| {
         PyValueError::new_err("an array of this batch has been made read-only: copy it instead")
     })
 }
@@ -90,15 +98,16 @@ impl Batch {
     /// Writes what the robots do now into the arrays.
     ///
     /// # Errors
-    /// If somebody has made one of them read-only.
+    /// If somebody has made one of them read-only, or given it another shape.
     fn show(&self, py: Python<'_>, engine: &Engine) -> PyResult<()> {
+        let n = engine.len();
         let (mut position, mut orientation) =
-            (open(py, &self.position)?, open(py, &self.orientation)?);
+            (open(py, &self.position, &[n, 3])?, open(py, &self.orientation, &[n, 4])?);
         let (mut velocity, mut angular) =
-            (open(py, &self.velocity)?, open(py, &self.angular_velocity)?);
-        let mut yaw = open(py, &self.yaw)?;
-        let mut energy = open(py, &self.energy)?;
-        let mut alive = open(py, &self.alive)?;
+            (open(py, &self.velocity, &[n, 3])?, open(py, &self.angular_velocity, &[n, 3])?);
+        let mut yaw = open(py, &self.yaw, &[n])?;
+        let mut energy = open(py, &self.energy, &[n])?;
+        let mut alive = open(py, &self.alive, &[n])?;
         let (mut position, mut orientation) = (position.as_array_mut(), orientation.as_array_mut());
         let (mut velocity, mut angular) = (velocity.as_array_mut(), angular.as_array_mut());
         let (mut yaw, mut energy, mut alive) =
@@ -189,8 +198,11 @@ impl Batch {
     }
 
     fn set_state(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
+        let (state, mut pool) = (state.to_vec(), Pool::new(self.threads(py))?);
+        let restored = interruptible(py, move |_| pool.install(|| Engine::restored(&state)))?;
+        let restored = restored?.map_err(refused)?;
         let mut engine = self.lock(py);
-        let restored = py.detach(|| Engine::restored(state)).map_err(refused)?;
+        self.show(py, &engine)?;
         if restored.len() != engine.len() {
             return Err(PyValueError::new_err(format!(
                 "this state is of {} robots: this batch has {}",
@@ -223,8 +235,13 @@ impl Batch {
         positions: Option<PyReadonlyArray2<'_, f64>>,
         headings: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<()> {
-        let mut engine = self.lock(py);
-        let robots = chosen(&engine, robots)?;
+        // What is given may be an array of this batch, which is written at the end.
+        let positions = positions.map(|positions| positions.as_array().to_owned());
+        let robots = {
+            let engine = self.lock(py);
+            self.show(py, &engine)?;
+            chosen(&engine, robots)?
+        };
         let wrong = |what: &str, n: usize| {
             PyValueError::new_err(format!(
                 "{n} {what} for {} robots: give one a robot",
@@ -244,9 +261,10 @@ impl Batch {
                 robots.len()
             )));
         }
-        if let Some(bad) = positions.iter().flat_map(|p| p.as_array()).find(|v| !v.is_finite()) {
+        let is_near = |at: &&f64| at.abs() <= FARTHEST;
+        if let Some(bad) = positions.iter().flatten().find(|at| !is_near(at)) {
             return Err(PyValueError::new_err(format!(
-                "positions hold {bad}: every value has to be a number"
+                "positions hold {bad}: choose -{FARTHEST} to {FARTHEST} m"
             )));
         }
         let headings =
@@ -258,18 +276,18 @@ impl Batch {
             }
             let model = match &models {
                 Some(models) => models[i].0.clone(),
-                None => engine.model(*robot).clone(),
+                None => self.lock(py).model(*robot).clone(),
             };
             let heading = Some(headings.as_ref().map_or(0.0, |headings| headings[i]));
             let mut plant: Plant =
                 Start { seed: seeds[i], heading }.plant(&model).map_err(refused)?;
-            if let Some(positions) = &positions {
-                let at = positions.as_array();
+            if let Some(at) = &positions {
                 plant.displace([at[[i, 0]], at[[i, 1]], 0.0], 0.0);
             }
             plants.push((*robot, model, plant));
         }
         // From here on nobody interrupts: all robots begin anew, or none.
+        let mut engine = self.lock(py);
         for (robot, model, plant) in plants {
             engine.place(robot, model, &plant).map_err(refused)?;
         }
@@ -316,12 +334,16 @@ impl Batch {
             let warning = c"with steps beyond 0.00025 s walks are off by more than 1 %, by 10 % at 0.001 s: choose 0.0001 s";
             PyErr::warn(py, &py.get_type::<PyUserWarning>(), warning, 1)?;
         }
+        self.show(py, &self.lock(py))?;
         let mut slice = (SLICE / self.lock(py).len()).clamp(1, LONGEST_SLICE);
         let (mut left, mut interrupted) = (steps, Ok(()));
         while left > 0 && interrupted.is_ok() {
             let (now, began) = (left.min(slice), Instant::now());
-            let (engine, pool) = (&mut *self.lock(py), &mut *locked(&self.pool, py));
-            py.detach(|| pool.install(|| engine.run(now, step)))?;
+            {
+                let (engine, pool) = (&mut *self.lock(py), &mut *locked(&self.pool, py));
+                py.detach(|| pool.install(|| engine.run(now, step)))?;
+            }
+            // Who interrupts may look at the robots.
             interrupted = py.check_signals();
             left -= now;
             slice = match began.elapsed() {
@@ -346,6 +368,8 @@ const PATIENCE: Duration = Duration::from_millis(200);
 /// Steps of all robots together before the first look, and of each at most.
 const SLICE: usize = 50_000;
 const LONGEST_SLICE: usize = 1000;
+/// Farthest place on the floor, m.
+const FARTHEST: f64 = 1e6;
 /// Robots that begin anew between two such looks.
 const LOOK: usize = 256;
 

@@ -4,6 +4,9 @@ import copy
 import multiprocessing
 import os
 import pickle
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 
@@ -245,3 +248,56 @@ def test_a_state_is_gone_back_to_and_one_of_something_else_is_refused() -> None:
     for damaged in (b"", state[:-1], state[:50] + b"x" + state[51:]):
         with pytest.raises(ValueError, match="damaged"):
             batch.set_state(damaged)
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timer sends signals here")
+def test_who_handles_a_signal_may_look_at_the_robots_that_run() -> None:
+    script = """
+import signal
+from flixwalker import Batch, Model
+seen = []
+batch = Batch([Model("W")] * 16, threads=1)
+batch.set_drive(30.0, 0.3)
+signal.signal(signal.SIGALRM, lambda *_: seen.append((batch.time, batch.get_state())))
+signal.setitimer(signal.ITIMER_REAL, 0.05, 0.05)
+while not seen:
+    batch.run(0.5)
+seen.clear()
+while not seen:
+    batch.reset(range(16))
+"""
+    subprocess.run([sys.executable, "-c", script], timeout=60, check=True)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+def test_a_state_is_set_in_a_process_that_was_forked() -> None:
+    batch = Batch([MODEL] * 64, threads=1)
+    state = batch.get_state()
+    batch.set_state(state)
+    child = multiprocessing.get_context("fork").Process(target=batch.set_state, args=(state,))
+    child.start()
+    child.join(60)
+    assert child.exitcode == 0
+
+
+def test_robots_are_reset_where_they_stand() -> None:
+    batch = Batch([MODEL] * 3, threads=1)
+    batch.set_drive(30.0, 0.3)
+    batch.run(0.2)
+    at = batch.position[1:2, :2].copy()
+    batch.reset([1], robots=[1], positions=batch.position[1:2, :2])
+    assert np.allclose(batch.position[1, :2], at, atol=2e-3) and batch.energy[1] == 0.0
+
+
+def test_what_cannot_be_shown_does_not_happen() -> None:
+    batch = Batch([MODEL] * 4, threads=1)
+    batch.position.shape = (3, 4)
+    with pytest.raises(ValueError, match="shape"):
+        batch.run(0.01)
+    batch.position.shape = (4, 3)
+    batch.yaw.flags.writeable = False
+    with pytest.raises(ValueError, match="read-only"):
+        batch.run(0.01)
+    assert batch.time == 0.0
+    with pytest.raises(ValueError, match="positions hold"):
+        Batch([MODEL]).reset([1], positions=[[1e300, 0.0]])

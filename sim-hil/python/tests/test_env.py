@@ -273,3 +273,63 @@ def test_the_path_is_seen_from_the_robot() -> None:
         FlixWalkerPathVectorEnv(2, task="home")
     with pytest.raises(ValueError, match="m long"):
         FlixWalkerPathVectorEnv(2, path=1e-3 * corner)
+
+
+def test_rotors_that_are_spun_up_and_braked_are_no_source_of_reward() -> None:
+    envs = FlixWalkerVectorEnv(3, "transport", threads=1)
+    envs.reset(seed=1)
+    total = np.zeros(3)
+    for actions in [np.array([[1.0, 0.0], [-1.0, 0.3], [0.0, 0.0]]), *[np.zeros((3, 2))] * 4]:
+        total += envs.step(actions)[1]
+    assert (total < 1e-3).all() and (envs.batch.energy >= -1e-3).all()
+
+
+@pytest.mark.parametrize("corners", [3, 4, 5, 7, 8, 64])
+def test_a_lap_counts_forwards_however_few_points_the_path_has(corners: int) -> None:
+    around = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
+    path = 0.2 * np.stack([np.cos(around), np.sin(around)], axis=1)
+    envs = FlixWalkerVectorEnv(1, "path", path=path, threads=1, interval=0.002)
+    envs.reset(seed=1)
+    laps = 0
+    for angle in np.linspace(0.0, 2.0 * np.pi, 200):
+        envs.batch.reset([1], positions=[[0.2 * np.cos(angle), 0.2 * np.sin(angle)]])
+        before = envs.nearest.copy()
+        envs._follow()
+        laps += int(((envs.nearest - before + corners // 2) % corners - corners // 2)[0])
+    assert laps == corners
+
+
+@pytest.mark.parametrize("path", [[[0.4, 0], [0.2, 0], [0, 0], [0.2, 0]], [[0, 0], [0.2, 0], [0.4, 0]]])
+def test_a_path_that_turns_back_has_a_direction_everywhere(path: list[list[float]]) -> None:
+    envs = FlixWalkerPathVectorEnv(2, path=path, threads=1)
+    assert np.allclose(np.abs(envs.tangent), [1.0, 0.0])
+    envs.reset(seed=1)
+    envs.batch.reset([1, 2], positions=envs.path[[0, 0]] + [[0, 0.02], [0, 0.3]])
+    _, reward, terminated, *_ = envs.step(np.zeros((2, 2)))
+    assert np.isfinite(reward).all() and terminated.tolist() == [False, True]
+
+
+@pytest.mark.parametrize("steps", [3, 9])
+def test_the_length_of_an_episode_is_what_make_was_given(steps: int) -> None:
+    short = {**SHORT, "seconds": 0.3}
+    env = gymnasium.make("FlixWalker-v1", max_episode_steps=steps, **short)
+    env.reset(seed=1)
+    ended = [env.step(np.zeros(2))[3] for _ in range(steps)]
+    assert ended == [False] * (steps - 1) + [True]
+
+
+def test_the_seed_is_the_one_that_was_given() -> None:
+    envs = gymnasium.make_vec("FlixWalker-v1", num_envs=2, **SHORT)
+    envs.reset(seed=5)
+    assert envs.unwrapped.np_random_seed == 5 and envs.unwrapped.np_random is envs.unwrapped.random[0]
+
+
+def test_what_would_mean_two_things_is_refused() -> None:
+    with pytest.raises(ValueError, match="more than once"):
+        FlixWalkerVectorEnv(1, randomize={"legs.fl.friction": (0.5, 0.5), ("legs.fl.friction",): (1.0, 1.0)})
+    with pytest.raises(TypeError, match="reset"):
+        gymnasium.make("FlixWalker-v1", autoreset_mode=AutoresetMode.SAME_STEP)
+    speed, home = (FlixWalkerVectorEnv(1, task) for task in ("speed", "home"))
+    speed.reset(seed=1)
+    with pytest.raises(ValueError, match="another task"):
+        home.set_state(speed.get_state())

@@ -36,6 +36,8 @@ struct Seat {
     origin: [f64; 2],
     /// Energies that the lane no longer holds, J; zero for long numbers.
     work: [f64; 5],
+    /// What it took to bring the rotors to speed at once, J.
+    spun: f64,
     /// Its body and motor work when it was last looked at and moved as robots do.
     sane: (BodyState, f64),
     /// Did it move as no robot does?
@@ -101,7 +103,7 @@ pub trait Robots: Send + Sync + core::fmt::Debug {
     fn diverged(&self, lane: usize) -> Option<Diverged>;
     /// Returns the pose and velocity of a body.
     fn body(&self, lane: usize) -> BodyState;
-    /// Returns the energy that the ideal drive has put into a robot, J.
+    /// Returns the energy that the ideal drive has put into a robot, J; what the first one put into the rotors, too.
     fn motor_work(&self, lane: usize) -> f64;
     /// Returns all that a robot is now.
     fn keep(&self, lane: usize) -> Kept;
@@ -176,6 +178,7 @@ fn seated(plant: &Plant) -> (PlainState, Seat) {
         unfolded: 0,
         origin: [0.0; 2],
         work: [0.0; 5],
+        spun: 0.0,
         sane: (plant.body(), state.work[0]),
         diverged: None,
     };
@@ -308,7 +311,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
             velocity: velocity.linear.0,
             angular_velocity: velocity.angular.0,
         };
-        (body, seat.work[0] + s.work[0].get(lane))
+        (body, seat.spun + seat.work[0] + s.work[0].get(lane))
     }
 
     /// Returns the same of a robot that moves as robots do, or of when it did.
@@ -376,7 +379,14 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
             seat.phase = phase(&self.state.rotors.get(lane));
         }
         seat.course = Some(Course::new(frequency_hz, theta_rad));
-        self.state.rotors.set(lane, &seat.aimed());
+        let c = &self.constants;
+        let [mass, arm, bell] =
+            [&c.rotor_mass, &c.rotor_arm, &c.bell_inertia].map(|it| it.get(lane));
+        let rotors = seat.aimed();
+        let squares: f64 = rotors.iter().map(|rotor| rotor.speed.powi(2)).sum();
+        seat.spun = 0.5 * (bell + mass * arm * arm) * squares;
+        seat.sane.1 += seat.spun;
+        self.state.rotors.set(lane, &rotors);
     }
     fn set_push(&mut self, lane: usize, push: Wrench) {
         self.state.push.set(lane, &push.spatial());
