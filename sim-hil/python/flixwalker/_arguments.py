@@ -16,6 +16,11 @@ def _is_whole(value: Any) -> bool:
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
+def _holds_a_bool(values: Any) -> bool:
+    """Return whether a list, or one in it, holds one: numpy takes it for 1 or 0 beside numbers."""
+    return any(isinstance(it, (bool, np.bool_)) or isinstance(it, (list, tuple)) and _holds_a_bool(it) for it in values)
+
+
 def of_kind(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
     """Return an array of any shape whose values are of these kinds (numpy.dtype.kind).
 
@@ -26,7 +31,11 @@ def of_kind(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
     """
     if np.ma.is_masked(values):
         raise ValueError(f"{name} has masked values: fill them first")
+    if isinstance(values, (bytes, bytearray, memoryview)):
+        raise ValueError(f"{name} is bytes: give {what}")
     array = np.asarray(values)
+    if array.dtype.kind in NUMBERS and isinstance(values, (list, tuple)) and _holds_a_bool(values):
+        raise ValueError(f"{name} holds true or false among numbers: give {what}")
     if array.dtype.kind == "f" and "f" not in kinds and not hasattr(values, "dtype"):
         # Numpy makes floats of a list in which some whole numbers take 64 bits.
         array = np.array(values, dtype=object)

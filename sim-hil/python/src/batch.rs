@@ -379,11 +379,11 @@ const LONGEST_SURE_STEP: f64 = 2.5e-4;
 const ROUNDING: f64 = 1e-9;
 
 /// Returns how many steps a time is; an error when it is no whole number of them.
-fn whole_steps(seconds: f64, step: f64) -> PyResult<usize> {
+pub fn whole_steps(seconds: f64, step: f64) -> PyResult<usize> {
     let steps = seconds / step;
     if (steps - steps.round()).abs() > ROUNDING * steps.max(1.0) {
         return Err(PyValueError::new_err(format!(
-            "seconds is {seconds} s, {steps:.3} steps of {step} s: choose a whole number of steps"
+            "seconds is {seconds} s, {steps} steps of {step} s: choose a whole number of steps"
         )));
     }
     Ok(steps.round() as usize)

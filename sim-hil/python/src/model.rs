@@ -55,6 +55,7 @@ fn from_python(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     let plain = py.import("operator")?.call_method1("methodcaller", ("tolist",))?;
     let options = PyDict::new(py);
     options.set_item("default", plain)?;
+    options.set_item("allow_nan", false)?;
     let text: String =
         py.import("json")?.call_method("dumps", (value,), Some(&options))?.extract()?;
     serde_json::from_str(&text).map_err(refused)
@@ -123,7 +124,13 @@ impl Model {
     fn replace(&self, py: Python<'_>, fields: &Bound<'_, PyDict>) -> PyResult<Self> {
         let mut tree = tree(&self.0)?;
         for (path, value) in fields {
-            *find(&mut tree, path.extract()?)? = from_python(&value)?;
+            let path: &str = path.extract()?;
+            let plain = from_python(&value).map_err(|_| {
+                refused(format!(
+                    "{path} is {value:?}: give finite numbers, text, or lists and tables of them"
+                ))
+            });
+            *find(&mut tree, path)? = plain?;
         }
         let model: RobotModel = serde_json::from_value(tree).map_err(refused)?;
         model.check().map_err(refused)?;

@@ -10,6 +10,7 @@ use pyo3::types::PyDict;
 use rayon::iter::ParallelIterator as _;
 use rayon::slice::ParallelSlice as _;
 
+use crate::batch::whole_steps;
 use crate::model::Model;
 use crate::{Pool, interruptible, refused};
 
@@ -42,6 +43,7 @@ pub fn walk<'py>(
             "{seconds} s in steps of {step} s: choose steps of 0.000001 to 0.001 s and 10000 s at most"
         )));
     }
+    whole_steps(seconds, step)?;
     let many = models
         .into_iter()
         .zip(f.iter().zip(theta))

@@ -1,5 +1,7 @@
 """Whatever is given means what it means to numpy and Gymnasium, or is refused: nothing else happens."""
 
+from decimal import Decimal
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -202,3 +204,20 @@ def test_a_mask_of_resets_is_boolean(mask: object) -> None:
         envs.reset(options={"reset_mask": mask})
     with pytest.raises(ValueError, match="seeds holds 1.5"):
         envs.reset(seed=1.5)
+
+
+@pytest.mark.parametrize("f_hz", [[30, True], [[30.0], [False]], bytearray(b"ab"), (1.0, np.True_)])
+def test_true_and_bytes_are_no_numbers(f_hz: object) -> None:
+    with pytest.raises(ValueError, match="f_hz"):
+        Batch([MODEL] * 2).set_drive(f_hz, 0.0)
+
+
+@pytest.mark.parametrize("value", [float("nan"), 1j, Decimal("0.5"), np.longdouble(0.5), np.inf])
+def test_what_is_no_plain_number_is_refused_with_its_field(value: object) -> None:
+    with pytest.raises(ValueError, match="legs.mass_g is"):
+        MODEL.replace({"legs.mass_g": value})
+
+
+def test_a_walk_of_a_part_of_a_step_is_refused() -> None:
+    with pytest.raises(ValueError, match="whole number of steps"):
+        walk(MODEL, 30.0, 10.0, seconds=0.0015, step=1e-3)
