@@ -67,7 +67,8 @@ class FlixWalkerVectorEnv(VectorEnv):
     path
         (k, 2) in m, closed; an 8 of half a metre if none is given.
     seconds, max_episode_steps
-        Length of an episode, s, or in actions, which counts where it is given.
+        Length of an episode, s, or in actions, which counts where it is given. `gymnasium.make` keeps a `max_episode_steps`
+        to itself, so that it can shorten an episode and no more: give it `seconds`. `make_vec` passes both on.
     interval, step
         Time between two actions, and of the integration, s; the first is a whole number of the second.
     threads
@@ -397,9 +398,6 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Put the robot to a new start."""
         super().reset(seed=seed)
-        # What gymnasium.make was given counts, as it does for many.
-        if self.spec is not None and self.spec.max_episode_steps is not None:
-            self.many.limit = self.spec.max_episode_steps
         if seed is not None or not hasattr(self.many, "random"):
             seen, _ = self.many.reset(seed=[int(self.np_random.integers(2**63))])
         else:

@@ -309,15 +309,6 @@ def test_a_path_that_turns_back_has_a_direction_everywhere(path: list[list[float
     assert np.isfinite(reward).all() and terminated.tolist() == [False, True]
 
 
-@pytest.mark.parametrize("steps", [3, 9])
-def test_the_length_of_an_episode_is_what_make_was_given(steps: int) -> None:
-    short = {**SHORT, "seconds": 0.3}
-    env = gymnasium.make("FlixWalker-v1", max_episode_steps=steps, **short)
-    env.reset(seed=1)
-    ended = [env.step(np.zeros(2))[3] for _ in range(steps)]
-    assert ended == [False] * (steps - 1) + [True]
-
-
 def test_the_seed_is_the_one_that_was_given() -> None:
     envs = gymnasium.make_vec("FlixWalker-v1", num_envs=2, **SHORT)
     envs.reset(seed=5)
