@@ -29,6 +29,9 @@ const WANDER: f64 = 0.01;
 /// Share by which the variance of every motion grows while nothing is known of the slope: three times the spread. Who slides in
 /// one mode slides in all, so that mistakes do not cancel: robots on 5 degrees walked off by 0.17 m before they knew.
 const SLIDES: f64 = 8.0;
+/// How many times the experience's spread a slope is from which on that share falls as slowly as what is not known of the slope;
+/// on a level floor it falls as the square.
+const STEEP: f64 = 2.0;
 
 /// A belief about one robot; see the module's documentation.
 #[derive(Debug, Clone)]
@@ -110,9 +113,15 @@ impl Belief {
             };
             row.iter().map(along).sum::<f64>()
         };
-        let unknown = (self.covariance[(0, 0)] + self.covariance[(1, 1)])
-            / (SLOPE as f64 * self.experience.slope.powi(2));
-        ((1.0 + SLIDES * unknown) * (variance(0) + variance(1))).max(0.0).sqrt()
+        ((1.0 + self.doubt()) * (variance(0) + variance(1))).max(0.0).sqrt()
+    }
+
+    /// Returns the share by which the variance of every motion grows for what is not known of the slope.
+    fn doubt(&self) -> f64 {
+        let usual = self.experience.slope.powi(2);
+        let unknown = (self.covariance[(0, 0)] + self.covariance[(1, 1)]) / (SLOPE as f64 * usual);
+        let steep = (self.mean[0].powi(2) + self.mean[1].powi(2)) / (STEEP.powi(2) * usual);
+        SLIDES * unknown * unknown.max(steep.min(1.0))
     }
 
     /// Returns what the motion of a pair along an axis depends on, for so much of it, linear about what is believed.
@@ -272,6 +281,18 @@ mod tests {
             (downhill - 0.05).abs() < 0.015 && (uphill + 0.05).abs() < 0.015,
             "{downhill} {uphill}"
         );
+    }
+
+    #[test]
+    fn motions_on_a_steep_slope_are_doubted_longer() {
+        // As many stretches on the level, and where it falls by 5 degrees towards x.
+        let [level, steep] = [0.0, 0.087].map(|slope| {
+            let moves = |heading: f64, known: Twist| {
+                known.plus(Twist { forward: slope * heading.cos(), lateral: 0.0, yaw: 0.0 })
+            };
+            after(8, FORWARD, moves)[LEFT].spread
+        });
+        assert!(steep > 1.05 * level, "{steep} {level}");
     }
 
     #[test]
