@@ -111,13 +111,13 @@ impl Journal {
                 expected: title.trim_start_matches("# ").to_owned(),
             });
         }
-        let rows = csv::ReaderBuilder::new()
-            .has_headers(false)
-            .flexible(true)
-            .from_reader(&text.as_bytes()[header.len()..])
-            .records()
-            .filter_map(|record| parse(&record.ok()?, columns, fingerprint))
-            .collect();
+        // A row is a line: quotes that damage opened end with it.
+        let row = |line: &str| {
+            let mut reader =
+                csv::ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes());
+            parse(&reader.records().next()?.ok()?, columns, fingerprint)
+        };
+        let rows = text[header.len()..].lines().filter_map(row).collect();
         file.set_len(whole as u64).map_err(failed)?;
         file.seek(SeekFrom::End(0)).map_err(failed)?;
         Ok((journal(file), rows))
