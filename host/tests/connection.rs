@@ -3,7 +3,7 @@
 use std::net::UdpSocket;
 
 use flix_host::link::udp::{Connection, stop};
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::{Command, Fault, OperatorName, Outcome, Refusal, State};
 use flix_protocol::session::Key;

@@ -4,7 +4,7 @@
 
 use std::time::{Duration, Instant};
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_sim::rig::bench::{Base, bench, setpoint};
 
 /// Virtual time that is timed, after a first stretch that warms up.
@@ -16,7 +16,7 @@ fn main() {
     for base in [Base::Fixed, Base::Free] {
         let mut operation = bench(base, 1).expect("a shipped model");
         operation.arm().expect("the robot arms");
-        operation.hold(setpoint(30.0, 30.0).expect("within the robot's range"));
+        operation.want(setpoint(30.0, 30.0).expect("within the robot's range"));
         let mut run = || {
             let start = Instant::now();
             operation.run(STRETCH, |_| {}).expect("the plant does not diverge");

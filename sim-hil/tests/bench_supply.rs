@@ -3,7 +3,7 @@
 
 use core::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_protocol::message::{Command, Faults};
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
@@ -76,7 +76,7 @@ impl Setup {
         let subject = Subject { model: Some(model), seed: self.seed };
         let mut operation = subject.on(Base::Fixed)?;
         operation.arm()?;
-        operation.hold(setpoint(35.0, DIRECTION_DEG)?);
+        operation.want(setpoint(35.0, DIRECTION_DEG)?);
         operation.run(SETTLING, |_| {})?;
         assert!(operation.robot.truth().frequency() > 34.9, "{self:?}");
         Ok(operation)
@@ -103,10 +103,10 @@ fn end(setup: Setup, end: End) -> Result<Seen, BenchError> {
     let mut seen = Seen { rise: 0.0, direction_error_deg: 0.0, given: 0.0 };
     let mut target = 0.0;
     match end {
-        End::Rest => operation.hold(setpoint(target, DIRECTION_DEG)?),
+        End::Rest => operation.want(setpoint(target, DIRECTION_DEG)?),
         End::Reversal => {
             target = -35.0;
-            operation.hold(setpoint(target, DIRECTION_DEG)?);
+            operation.want(setpoint(target, DIRECTION_DEG)?);
         }
         End::Stop => drop(operation.client().request(now, Command::Stop)),
         End::Disarm => drop(operation.client().request(now, Command::Disarm)),
@@ -211,7 +211,7 @@ fn shaken(
     let set = operation.robot.electronics().battery().open_circuit_voltage();
     let (mut highest, mut current) = (0.0_f64, 0.0_f64);
     for (f, direction, seconds) in course {
-        operation.hold(setpoint(*f, *direction).unwrap());
+        operation.want(setpoint(*f, *direction).unwrap());
         let look = |truth: &Truth| {
             highest = highest.max(truth.bus_voltage);
             current = current.max(truth.largest_current());
@@ -294,7 +294,7 @@ fn what_burns_while_f_falls_stays_below_the_current_limit() {
         watched.enter(measured_by_hand(&watched, &model, seed)).unwrap();
         watched.operation.arm().unwrap();
         for f in [f, -f, 0.5 * f] {
-            watched.operation.hold(setpoint(f, 0.0).unwrap());
+            watched.operation.want(setpoint(f, 0.0).unwrap());
             watched.operation.run(Duration::from_secs(1), |_| {}).unwrap();
         }
         let report = watched.operation.robot.report();
@@ -326,7 +326,7 @@ fn f_at_the_limit_of_a_weak_supply_does_not_hunt_nor_lift_it() {
             let subject = Subject { model: Some(model.clone()), seed };
             let mut operation = subject.on(base).unwrap();
             operation.arm().unwrap();
-            operation.hold(setpoint(35.0, 0.0).unwrap());
+            operation.want(setpoint(35.0, 0.0).unwrap());
             operation.run(Duration::from_secs(2), |_| {}).unwrap();
             let set = operation.robot.electronics().battery().open_circuit_voltage();
             let (mut highest, mut sum, mut count) = (0.0_f64, 0.0, 0.0);

@@ -8,16 +8,16 @@ use flix_firmware::hardware::Sensors;
 use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Finding, Known, Step, commission};
-use flix_host::link::{Client, LinkError, Linked};
-use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Refusal, Setpoint};
+use flix_host::link::{Client, LinkError, RobotLink};
+use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Refusal};
 use flix_protocol::units::Instant;
 use flix_sim::model::{Electrical, RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::Plant;
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
 use flix_sim::reliability::stranger::{Watched, motor_values, rotor_inertia, stranger};
 use flix_sim::rig::bench::bench_key;
-use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
+use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::operation::{Operation, OperationError};
 use flix_sim::rig::simulated::{Disturbance, RobotParameters, SimulatedRobot};
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
@@ -361,7 +361,7 @@ impl Leaving<'_> {
     }
 }
 
-impl Linked for Leaving<'_> {
+impl RobotLink for Leaving<'_> {
     type Error = OperationError;
 
     fn operate(&mut self) -> (&mut Client, Instant) {
@@ -397,10 +397,6 @@ impl Linked for Leaving<'_> {
     fn disarm(&mut self) -> Result<(), OperationError> {
         self.goes_on()?;
         self.robot.disarm()
-    }
-
-    fn hold(&mut self, setpoint: Setpoint) {
-        self.robot.hold(setpoint);
     }
 
     fn refusal(error: &OperationError) -> Option<&Refusal> {
@@ -444,7 +440,7 @@ fn a_trial_that_broke_off_in_silence_is_done_again_and_never_taken_for_a_motor()
     lossy(&mut every_third).unwrap();
     assert!(trials > 9);
     let silent = lossy(&mut || true);
-    assert!(matches!(silent, Err(CommissionError::Silent(Step::Wiring))), "{silent:?}");
+    assert!(matches!(silent, Err(CommissionError::Lapsed(Step::Wiring))), "{silent:?}");
 }
 
 /// Commissions a robot whose amplifiers show another current than flows. Returns what is found, and the largest current, A.

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use flix_host::commission::{CommissionError, Finding, Known, Phase};
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_protocol::message::{Fault, Faults};
 use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::{RobotModel, SIMULATED_BOARD};
@@ -31,7 +31,7 @@ fn subject(base: Base, senses_current: bool, seed: u64) -> Subject {
 fn holding(subject: &Subject, base: Base, (f, theta): (f64, f64)) -> Operation<Plant> {
     let mut operation = subject.on(base).unwrap();
     operation.arm().unwrap();
-    operation.hold(setpoint(f, theta).unwrap());
+    operation.want(setpoint(f, theta).unwrap());
     operation.run(Duration::from_secs(1), |_| {}).unwrap();
     operation
 }
@@ -156,7 +156,7 @@ fn a_reversal_that_takes_motors_longer_than_their_ramp_is_no_fault() {
         watched.enter(measured_by_hand(&watched, &model, seed)).unwrap();
         watched.operation.arm().unwrap();
         for f in [20.0, -20.0] {
-            watched.operation.hold(setpoint(f, 0.0).unwrap());
+            watched.operation.want(setpoint(f, 0.0).unwrap());
             watched.operation.run(Duration::from_secs(2), |_| {}).unwrap();
             assert_eq!(watched.operation.robot.report().faults, Faults::NONE, "{seed}: {f} Hz");
             let reached = watched.operation.robot.truth().frequency();

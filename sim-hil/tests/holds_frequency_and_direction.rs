@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_protocol::message::Faults;
 use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::RobotModel;
@@ -53,7 +53,7 @@ fn a_rotor_that_rubs_takes_what_f_can_spare_before_theta_is_off() {
         let rubs = HardwareFault::Jammed(motor, held);
         let ends = begins + Duration::from_secs(9);
         operation.robot.disturb(Injected::new(rubs, begins, ends, 1));
-        operation.hold(setpoint(f, 20.0).unwrap());
+        operation.want(setpoint(f, 20.0).unwrap());
         operation.run(Duration::from_secs(4), |_| {}).unwrap();
         let mut off = 0.0_f64;
         let seen =

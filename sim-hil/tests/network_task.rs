@@ -1,4 +1,4 @@
-//! The robot's network task on a network without hardware ([`flix_sim::rig::network`]), with the robot's two halves at
+//! The robot's network task on a network without hardware ([`flix_sim::rig::network_task`]), with the robot's two halves at
 //! rest.
 use std::cell::{Cell, RefCell};
 use std::future::Future;
@@ -23,7 +23,9 @@ use flix_protocol::session::{
     Key, OperatorReceived, OperatorSession, Status, StopSession, StopStatus,
 };
 use flix_protocol::units::Instant;
-use flix_sim::rig::network::{self, Arp, Network, OPERATOR, ROBOT, TICK, Wire, arp, now};
+use flix_sim::rig::network_task::{
+    self as network, Arp, Network, OPERATOR, ROBOT, TICK, Wire, arp, now,
+};
 use flix_sim::rig::simulated::Flash;
 
 /// The robot's two halves, with the fast one's ticks counted.

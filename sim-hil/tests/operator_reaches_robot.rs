@@ -2,15 +2,15 @@
 
 use core::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_protocol::message::{Command, CrashReport, Fault, Outcome, ResetReason, State};
 use flix_protocol::session::Key;
 use flix_sim::model::RobotModel;
 use flix_sim::model::SIMULATED_BOARD;
 use flix_sim::plant::Plant;
 use flix_sim::rig::bench::setpoint;
-use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
+use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::operation::Operation;
 use flix_sim::rig::simulated::{Processor, RobotParameters, SimulatedRobot};
 
@@ -58,7 +58,7 @@ fn a_fault_survives_a_restart_and_the_operator_learns_of_it() {
     let mut operation = operation(ChannelParameters::PERFECT);
     assert_eq!(crash(&mut operation), None, "power came");
     operation.arm().unwrap();
-    operation.hold(setpoint(-30.0, 30.0).unwrap());
+    operation.want(setpoint(-30.0, 30.0).unwrap());
     operation.run(Duration::from_secs(3), |_| {}).unwrap();
 
     let lost = operation.now();

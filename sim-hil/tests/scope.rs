@@ -2,7 +2,7 @@
 use std::time::Duration;
 
 use flix_firmware::fast::exchange::Report;
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_host::scope::Capture;
 use flix_protocol::message::{
     Channel, Command, Fault, Outcome, ParameterCommand, ScopeCommand, ScopePlan, ScopeState,
@@ -87,7 +87,7 @@ fn a_lost_phase_lock_is_kept_as_it_happened() {
     set(&mut operation, "current_limit", 0.11);
     ask(&mut operation, ScopeCommand::Begin(plan(&channels, Trigger::Fault, 1_400)));
     operation.arm().unwrap();
-    operation.hold(setpoint(35.0, 40.0).unwrap());
+    operation.want(setpoint(35.0, 40.0).unwrap());
     let seen = run(&mut operation, Duration::from_secs(4));
     let fault = seen.last().unwrap().0.first_fault;
     assert_eq!(fault, Some(Fault::PhaseLockLost));
@@ -137,7 +137,7 @@ fn a_robot_that_nobody_told_otherwise_has_kept_the_last_200_ms_before_a_fault() 
 
     let mut operation = bench(Base::Fixed, 3).unwrap();
     operation.arm().unwrap();
-    operation.hold(setpoint(-30.0, 0.0).unwrap());
+    operation.want(setpoint(-30.0, 0.0).unwrap());
     run(&mut operation, Duration::from_secs(1));
     let from = operation.now() + Duration::from_millis(300);
     let until = from + Duration::from_secs(60);
@@ -156,7 +156,7 @@ fn a_robot_that_nobody_told_otherwise_has_kept_the_last_200_ms_before_a_fault() 
     operation.request(Command::Clear).unwrap();
     run(&mut operation, Duration::from_millis(500));
     operation.arm().unwrap();
-    operation.hold(setpoint(-30.0, 0.0).unwrap());
+    operation.want(setpoint(-30.0, 0.0).unwrap());
     run(&mut operation, Duration::from_millis(300));
     assert_eq!(ask(&mut operation, ScopeCommand::Status).state, ScopeState::Waiting);
 }
@@ -173,7 +173,7 @@ fn a_level_is_caught_at_the_row_that_crosses_it() {
     ask(&mut operation, ScopeCommand::Begin(plan(&channels, level, 3_000)));
     operation.arm().unwrap();
     run(&mut operation, Duration::from_millis(400));
-    operation.hold(setpoint(30.0, 0.0).unwrap());
+    operation.want(setpoint(30.0, 0.0).unwrap());
     run(&mut operation, Duration::from_secs(1));
     let capture = fetch(&mut operation);
     let at = usize::from(capture.status().trigger_row);

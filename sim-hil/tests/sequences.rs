@@ -1,6 +1,6 @@
 //! Whoever trains in the batch engine learns what is true of the robot under its software.
 
-use flix_sim::experiment::sequences::{drawn, in_batch, root_mean_square, under_software};
+use flix_sim::experiment::random_sequences::{drawn, in_batch, root_mean_square, under_software};
 use flix_sim::experiment::walk::Start;
 use flix_sim::model::RobotModel;
 use rayon::prelude::*;

@@ -3,13 +3,13 @@
 
 use core::time::Duration;
 
-use flix_host::link::{Linked, Update};
+use flix_host::link::{RobotLink, Update};
 use flix_protocol::message::{Command, Event, Fault, Outcome, ParameterCommand};
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::rig::bench::{BASES, Base, BenchError, Subject, bench_key, setpoint};
-use flix_sim::rig::channel::ChannelParameters;
+use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::operation::Operation;
 use flix_sim::rig::simulated::{Flash, RobotParameters, SimulatedRobot};
 
@@ -57,7 +57,7 @@ fn asked(base: Base, cells: u32, seed: u64) -> Result<Seen, BenchError> {
     let mut operation = Subject { model: Some(model), seed }.on(base)?;
     operation.arm()?;
     let asked = setpoint(ASKED, DIRECTION_DEG)?;
-    operation.hold(asked);
+    operation.want(asked);
     let mut largest = 0.0_f64;
     operation.run(Duration::from_secs(4), |truth| {
         largest = truth.phase_currents.as_flattened().iter().fold(largest, |a, b| a.max(b.abs()));

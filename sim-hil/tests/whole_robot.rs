@@ -2,12 +2,12 @@
 
 use core::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_protocol::session::Key;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::{Mechanics, Plant};
 use flix_sim::rig::bench::setpoint;
-use flix_sim::rig::channel::ChannelParameters;
+use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::operation::Operation;
 use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 
@@ -22,7 +22,7 @@ fn what_the_battery_gives_goes_into_copper_friction_legs_and_floor_within_a_hund
         (operation.robot.electronics().ledger(plant.rotor_angle()), plant.energy())
     };
     let (electrical, mechanical) = books(&operation);
-    operation.hold(setpoint(-30.0, 30.0).unwrap());
+    operation.want(setpoint(-30.0, 30.0).unwrap());
     operation.run(Duration::from_secs(3), |_| {}).unwrap();
     let (electrical_end, mechanical_end) = books(&operation);
 

@@ -4,6 +4,7 @@
 //! Where rustup and espup are installed their toolchains are used. Where they cannot be had,
 //! Debian's compiler builds the ESP32-C6 and a stand-in target type-checks the other two chips.
 
+mod build_times;
 mod chip;
 #[cfg(test)]
 mod circles;
@@ -14,7 +15,6 @@ mod image;
 mod in_memory;
 mod lanes;
 mod marked;
-mod measure;
 mod panic_free;
 mod pil;
 mod quick;
@@ -83,7 +83,7 @@ enum Task {
     /// Test single packages without building their dependencies with other features than the whole workspace's.
     Test(quick::TestArgs),
     /// Measure builds and tests, and write the tables of CONTRIBUTING.md.
-    Measure(measure::Args),
+    Measure(build_times::Args),
     /// Print the checks of `.ci/lanes.toml`, which of them are due and why; run those.
     Lanes(lanes::Args),
     /// Check that no panic can be reached from the fast tick; fail when one can.
@@ -116,8 +116,8 @@ impl Build {
 }
 
 fn main() -> ExitCode {
-    if let Some(log) = std::env::var_os(measure::LOG) {
-        return measure::compile(&log);
+    if let Some(log) = std::env::var_os(build_times::LOG) {
+        return build_times::compile(&log);
     }
     let outcome = match Cli::parse().task {
         Task::Setup(args) => setup::setup(&args),
@@ -133,7 +133,7 @@ fn main() -> ExitCode {
         Task::Web(args) => web::run(&args),
         Task::Quick(args) => quick::run(&args),
         Task::Test(args) => quick::test(&args),
-        Task::Measure(args) => measure::run(&args),
+        Task::Measure(args) => build_times::run(&args),
         Task::Lanes(args) => lanes::run(&args),
         Task::PanicFree => panic_free::run(),
     };

@@ -11,7 +11,7 @@ use flix_protocol::session::Key;
 
 use flix_host::link::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
 use flix_host::link::udp::{self, Connection};
-use flix_host::link::{Linked, discovery};
+use flix_host::link::{RobotLink, discovery};
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{complain, waiting};
 use flix_shell::{Error, Exit};

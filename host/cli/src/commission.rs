@@ -11,7 +11,7 @@ use super::address::RobotArgs;
 use super::drive::{give_up, stop};
 use flix_host::commission::voltage_mode::{self, Latency, bridges, find_latency};
 use flix_host::commission::{CommissionError, Commissioned, Known, Motor, Step, commission};
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
 use flix_shell::number::parse_within;
@@ -134,7 +134,7 @@ fn sentence(error: CommissionError<LinkError>) -> Error {
             ),
         ),
         CommissionError::Robot(error) => error.into(),
-        silent @ CommissionError::Silent(_) => Error::new(Exit::NoAnswer, silent),
+        lapsed @ CommissionError::Lapsed(_) => Error::new(Exit::NoAnswer, lapsed),
         limited @ CommissionError::Limited { .. } => Error::new(Exit::NotNow, limited),
         other => Error::new(Exit::RobotFault, other),
     }

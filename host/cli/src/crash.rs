@@ -11,7 +11,7 @@ use super::address::RobotArgs;
 use crate::symbols::{Frame, LARGEST_ELF, Symbols};
 use flix_host::link::explain;
 use flix_host::link::udp::Connection;
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_host::system::file;
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;

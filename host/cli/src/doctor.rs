@@ -17,7 +17,7 @@ use super::run::PoseArgs;
 use flix_host::commission::motor_name;
 use flix_host::link::explain;
 use flix_host::link::udp::Connection;
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_host::nav::Stop;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::NatNetStatistics;

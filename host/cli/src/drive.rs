@@ -14,7 +14,7 @@ use super::address::RobotArgs;
 use super::moved::{Motion, Walked};
 use super::run::{HeightCheck, PoseArgs, record};
 use flix_host::link::udp::{Connection, FAREWELL_PATIENCE, STOP_PATIENCE};
-use flix_host::link::{LinkError, Linked, Update, errors, is_reached};
+use flix_host::link::{LinkError, RobotLink, Update, errors, is_reached};
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::record::{RecordError, Recorder};

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::address::RobotArgs;
 use flix_host::link::udp::Connection;
-use flix_host::link::{ANSWER_TIME, KEEP_ALIVE, LinkError, Linked};
+use flix_host::link::{ANSWER_TIME, KEEP_ALIVE, LinkError, RobotLink};
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{milliseconds, print, print_json, progress};
 use flix_shell::time::positive_duration;

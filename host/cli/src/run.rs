@@ -14,7 +14,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::address::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
 use flix_host::link::udp::Connection;
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_host::pilot::{Ending, Helm, Pilot, real_time};
 use flix_host::pose::PoseSample;
 use flix_host::pose::any::Poses;

@@ -15,7 +15,7 @@ use super::address::RobotArgs;
 use super::crash;
 use flix_host::link::udp::Connection;
 use flix_host::link::{Client, LinkError};
-use flix_host::link::{Linked, explain};
+use flix_host::link::{RobotLink, explain};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{milliseconds, print, print_json};

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use crate::support::{FakeRobot, MODES, ServedRobot, key, seeded_loss};
 use flix_host::link::keys;
 use flix_host::link::udp::{self, Connection};
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_host::nav::PlanarPose;
 use flix_host::pose::Pose;
 use flix_host::pose::natnet::{NatNetServer, ServerSettings};

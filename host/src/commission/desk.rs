@@ -12,7 +12,7 @@ use flix_protocol::message::{
 use super::finding::{Finding, motor_name};
 use super::running::{self, Change, Steady};
 use super::step::{CURRENT_LIMIT, CommissionError, Step};
-use crate::link::Linked;
+use crate::link::RobotLink;
 use crate::scope::{self, Capture};
 
 /// How far the divider may be off a voltmeter.
@@ -50,7 +50,7 @@ const STANDARD_ERRORS: f64 = 3.0;
 /// Current times time of a ramp, A s, from which on friction and noise are little beside it. A motor that makes much torque of little
 /// current takes less, and more ramps.
 const FULL_IMPULSE: f64 = 8e-3;
-pub(super) type Done<T, S> = Result<T, CommissionError<<S as Linked>::Error>>;
+pub(super) type Done<T, S> = Result<T, CommissionError<<S as RobotLink>::Error>>;
 
 /// A robot, and what was changed about it.
 pub(super) struct Desk<'a, S> {
@@ -69,7 +69,7 @@ struct Changed {
     now: f32,
 }
 
-impl<'a, S: Linked> Desk<'a, S> {
+impl<'a, S: RobotLink> Desk<'a, S> {
     pub(super) const fn new(subject: &'a mut S) -> Self {
         Self { subject, changed: Vec::new(), is_aligned: false }
     }
@@ -150,7 +150,7 @@ impl<'a, S: Linked> Desk<'a, S> {
     }
 
     fn write(&mut self, name: &str, value: f32, mark: Mark) -> Done<(), S> {
-        Ok(self.subject.put(name, value, mark)?)
+        Ok(self.subject.set_marked(name, value, mark)?)
     }
 
     /// Changes a setting.
@@ -289,7 +289,7 @@ impl<'a, S: Linked> Desk<'a, S> {
             }
             self.check(step)?;
             if self.halts() != halts {
-                return Err(CommissionError::Silent(step));
+                return Err(CommissionError::Lapsed(step));
             }
             self.subject.pause(LOOK)?;
         }

@@ -40,7 +40,7 @@ pub use self::step::{CommissionError, Step};
 use self::trials::First;
 use self::turning::Rotor;
 use self::wiring::Stood;
-use crate::link::Linked;
+use crate::link::RobotLink;
 
 /// What somebody knows of the robot who measured it by hand.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -135,7 +135,7 @@ const RAMPS: (f64, f64) = (10.0, 300.0);
 ///
 /// # Errors
 /// When the robot refuses, a step ends in a fault, or a motor does not behave like one.
-pub fn commission<S: Linked>(
+pub fn commission<S: RobotLink>(
     subject: &mut S,
     known: &Known,
     step: impl FnMut(Step),
@@ -145,7 +145,7 @@ pub fn commission<S: Linked>(
     desk.conclude(found).map(|found| Commissioned { changes: desk.changes(), ..found })
 }
 
-fn measure<S: Linked>(
+fn measure<S: RobotLink>(
     desk: &mut Desk<'_, S>,
     known: &Known,
     mut step: impl FnMut(Step),
@@ -282,7 +282,7 @@ fn measure<S: Linked>(
 
 /// Runs with the position loop, of this bandwidth in Hz, that suits motors of this resistive voltage on this bus, V; where the phase
 /// lock is lost or the rotors swing, again with the other one.
-fn with_either_loop<S: Linked, T>(
+fn with_either_loop<S: RobotLink, T>(
     desk: &mut Desk<'_, S>,
     resistive: f64,
     bus: f64,
@@ -331,7 +331,7 @@ struct Ran {
 
 impl Runs {
     /// Aligns, runs slowly, fast and by ramps with position loops of this bandwidth, Hz, and disarms.
-    fn run<S: Linked>(
+    fn run<S: RobotLink>(
         &self,
         desk: &mut Desk<'_, S>,
         bandwidth: f64,

@@ -24,9 +24,9 @@ pub enum CommissionError<E> {
     /// The robot did not do what a step takes.
     #[error("{0} came to no end")]
     Endless(Step),
-    /// Commands stayed away in the middle of a step, again and again.
+    /// The robot stopped by itself in the middle of a step, again and again, because commands came too late.
     #[error("{0} broke off, because commands came too late: see `flix link-test`")]
-    Silent(Step),
+    Lapsed(Step),
     /// The robot may be given less current than this takes.
     #[error(
         "current_limit is {limit:.3} A, and commissioning takes up to {CURRENT_LIMIT} A: raise it with `flix parameters set`, or \

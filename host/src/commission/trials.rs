@@ -13,7 +13,7 @@ use super::step::{CommissionError, Step};
 use super::swing::Swing;
 use super::turning::{self, Rotor, Turning};
 use super::wiring::{ANGLES, Resting, Stood};
-use crate::link::Linked;
+use crate::link::RobotLink;
 
 /// Current that shows how a motor is wired, mA: where an amplifier is dead, twice as much may flow.
 const WIRING_CURRENT_MA: u16 = 300;
@@ -61,7 +61,7 @@ pub(super) struct First {
     pub(super) circuit: Option<Circuit>,
 }
 
-impl<S: Linked> Desk<'_, S> {
+impl<S: RobotLink> Desk<'_, S> {
     /// Does a trial and captures its pattern; again where commands stayed away meanwhile, so that the motors coasted.
     fn try_out(
         &mut self,
@@ -74,12 +74,12 @@ impl<S: Linked> Desk<'_, S> {
             let before = self.halts();
             match self.try_once(step, trial, channels, rows, before) {
                 // Also one that coasted before its pattern began, which is never captured.
-                Err(CommissionError::Silent(_)) => {}
+                Err(CommissionError::Lapsed(_)) => {}
                 Ok(_) if self.halts() != before => {}
                 ended => return ended,
             }
         }
-        Err(CommissionError::Silent(step))
+        Err(CommissionError::Lapsed(step))
     }
 
     fn try_once(
@@ -98,7 +98,7 @@ impl<S: Linked> Desk<'_, S> {
             if S::refusal(error) == Some(&Refusal::Rested) {
                 // Which it states with its next telemetry.
                 self.subject.pause(LOOK)?;
-                return Err(CommissionError::Silent(step));
+                return Err(CommissionError::Lapsed(step));
             }
         }
         let Outcome::Bridges(bridges) = tried? else { return Err(CommissionError::OtherAnswer) };

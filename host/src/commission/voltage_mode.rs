@@ -12,7 +12,7 @@ use super::{
     LONGEST_LATENCY, QUICK, RAMP_CURRENT, RAMPS, SLOW_ELECTRICAL_HZ, Step, alignment_current,
     braked_from, motor_name, position_bandwidth, with_either_loop,
 };
-use crate::link::Linked;
+use crate::link::RobotLink;
 
 /// Fastest electrical frequency, Hz: beyond it a turned voltage swings the rotors.
 const FASTEST_ELECTRICAL_HZ: f64 = 80.0;
@@ -50,7 +50,7 @@ pub const STEPS: [Step; 4] = [Step::Wiring, Step::Aligning, Step::Slow, Step::Fa
 ///
 /// # Errors
 /// When it does not answer.
-pub fn bridges<S: Linked>(subject: &mut S) -> Result<Bridges, CommissionError<S::Error>> {
+pub fn bridges<S: RobotLink>(subject: &mut S) -> Result<Bridges, CommissionError<S::Error>> {
     match subject.ask(Command::Bridges)? {
         Outcome::Bridges(bridges) => Ok(bridges),
         _ => Err(CommissionError::OtherAnswer),
@@ -66,7 +66,7 @@ pub fn bridges<S: Linked>(subject: &mut S) -> Result<Bridges, CommissionError<S:
 ///
 /// # Errors
 /// When a value was not entered, the robot refuses, a step ends in a fault, or a motor is another than was entered.
-pub fn find_latency<S: Linked>(
+pub fn find_latency<S: RobotLink>(
     subject: &mut S,
     known: &Known,
     step: impl FnMut(Step),
@@ -77,7 +77,7 @@ pub fn find_latency<S: Linked>(
     desk.conclude(found).map(|found| Latency { changes: desk.changes(), ..found })
 }
 
-fn find<S: Linked>(
+fn find<S: RobotLink>(
     desk: &mut Desk<'_, S>,
     bridges: &Bridges,
     known: &Known,
@@ -119,7 +119,11 @@ fn find<S: Linked>(
 }
 
 /// Returns a value that somebody entered or measured, and notes its name.
-fn entered<S: Linked>(desk: &mut Desk<'_, S>, name: &str, names: &mut Vec<String>) -> Done<f64, S> {
+fn entered<S: RobotLink>(
+    desk: &mut Desk<'_, S>,
+    name: &str,
+    names: &mut Vec<String>,
+) -> Done<f64, S> {
     let (value, mark) = desk.marked(name)?;
     names.push(name.to_owned());
     match mark {
@@ -128,7 +132,7 @@ fn entered<S: Linked>(desk: &mut Desk<'_, S>, name: &str, names: &mut Vec<String
     }
 }
 
-fn entered_motor<S: Linked>(
+fn entered_motor<S: RobotLink>(
     desk: &mut Desk<'_, S>,
     motor: usize,
     names: &mut Vec<String>,
@@ -155,7 +159,7 @@ struct Runs<'a> {
 impl Runs<'_> {
     /// Aligns, and runs slowly and fast with position loops of this bandwidth, Hz, the voltage turned ahead and back. Returns
     /// the latency, s.
-    fn run<S: Linked>(
+    fn run<S: RobotLink>(
         &self,
         desk: &mut Desk<'_, S>,
         bandwidth: f64,

@@ -71,7 +71,7 @@ pub enum LinkError {
         "the robot stopped by itself: commands came too late, or not at all; `flix link-test` measures the link"
     )]
     Lapsed,
-    /// A stop is latched, which this operator asked for.
+    /// A stop is latched: who is named asked for it.
     #[error("{0} stopped the robot; `flix clear` makes it ready again")]
     StoppedBy(OperatorName),
     /// The robot does not know this key any more.

@@ -33,8 +33,8 @@ mod error;
 pub mod explain;
 #[cfg(not(target_family = "wasm"))]
 pub mod keys;
-mod linked;
 mod reached;
+mod robot_link;
 #[cfg(not(target_family = "wasm"))]
 pub mod serial;
 pub mod statistics;
@@ -44,8 +44,8 @@ pub mod udp;
 pub use arming::Arming;
 pub use client::{Client, StopState, Update};
 pub use error::LinkError;
-pub use linked::Linked;
 pub use reached::{errors, is_reached, line_difference};
+pub use robot_link::RobotLink;
 #[cfg(not(target_family = "wasm"))]
 pub use udp::transient;
 

@@ -9,8 +9,8 @@ use flix_protocol::message::{Command, Refusal, State, Telemetry};
 use flix_protocol::session::{ConnectError, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
-use super::linked::{DISARM_PATIENCE, LONGEST_WAIT};
-use super::{Client, LinkError, Linked, StopState, TELEMETRY_LAG, Update};
+use super::robot_link::{DISARM_PATIENCE, LONGEST_WAIT};
+use super::{Client, LinkError, RobotLink, StopState, TELEMETRY_LAG, Update};
 use crate::system::interrupt::Interrupt;
 use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 
@@ -125,7 +125,7 @@ impl Connection {
     /// Clears the latched stop and faults, for somebody who asked for it then: not a stop that came since.
     ///
     /// # Errors
-    /// As for [`Linked::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
+    /// As for [`RobotLink::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
     pub fn clear(&mut self, asked: std::time::Instant) -> Result<(), LinkError> {
         // What was longest under way makes a stop look younger: of several, one that shows it older decides.
         let is_known = |it: &Telemetry| it.stopped_for().is_none_or(|ago| ago >= asked.elapsed());
@@ -196,7 +196,7 @@ impl Connection {
     }
 }
 
-impl Linked for Connection {
+impl RobotLink for Connection {
     type Error = LinkError;
 
     fn operate(&mut self) -> (&mut Client, Instant) {

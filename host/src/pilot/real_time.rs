@@ -1,6 +1,6 @@
 //! A [`Pilot`] on a socket, in real time.
 
-use crate::link::Linked;
+use crate::link::RobotLink;
 use std::time::Duration;
 
 use super::{Ending, Helm, Pilot};

@@ -10,7 +10,7 @@ use flix_protocol::message::{
     ScopeStatus, Trigger,
 };
 
-use crate::link::{LinkError, Linked};
+use crate::link::{LinkError, RobotLink};
 use crate::system::number::in_unit;
 
 /// A text names no channels, or no trigger.
@@ -235,8 +235,8 @@ impl Capture {
 /// Asks the scope of a robot for something; returns how far its capture is.
 ///
 /// # Errors
-/// As for [`Linked::ask`].
-pub fn ask<L: Linked>(robot: &mut L, command: ScopeCommand) -> Result<ScopeStatus, L::Error> {
+/// As for [`RobotLink::ask`].
+pub fn ask<L: RobotLink>(robot: &mut L, command: ScopeCommand) -> Result<ScopeStatus, L::Error> {
     match robot.ask(Command::Scope(command))? {
         Outcome::Scope(status) => Ok(status),
         _ => Err(LinkError::OtherAnswer.into()),
@@ -246,8 +246,8 @@ pub fn ask<L: Linked>(robot: &mut L, command: ScopeCommand) -> Result<ScopeStatu
 /// Fetches the next rows of a capture; returns whether any were left.
 ///
 /// # Errors
-/// As for [`Linked::ask`].
-pub fn fetch<L: Linked>(robot: &mut L, capture: &mut Capture) -> Result<bool, L::Error> {
+/// As for [`RobotLink::ask`].
+pub fn fetch<L: RobotLink>(robot: &mut L, capture: &mut Capture) -> Result<bool, L::Error> {
     let Some(first) = capture.wanted() else { return Ok(false) };
     match robot.ask(Command::Scope(ScopeCommand::Read(first)))? {
         Outcome::ScopeRows(rows) if capture.take(&rows) => Ok(true),

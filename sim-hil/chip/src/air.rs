@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use serde::Serialize;
 
 use crate::flood::Flood;
@@ -53,7 +53,7 @@ impl Air {
 /// When the robot is not there again, or the emulation cannot go on.
 pub fn trouble(rig: &mut Rig, times: Times, seed: u64) -> Result<Air, RigError> {
     let current_limit = rig.setting("current_limit")?;
-    rig.watch();
+    rig.forget_seen();
     rig.arm_uncommissioned()?;
     hold(rig, HELD, times, current_limit)?;
     let quiet = instructions(rig, times.measure)?;

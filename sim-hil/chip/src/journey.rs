@@ -181,7 +181,7 @@ impl Desk<'_> {
         };
         let is_listed = listed.as_array().is_some_and(|list| list.iter().any(is_set));
         self.expect(is_listed, "parameters", &listed);
-        self.live.rig.watch();
+        self.live.rig.forget_seen();
         self.teleop(times)?;
         self.drive(times)?;
         self.stop()?;

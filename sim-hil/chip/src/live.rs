@@ -12,7 +12,6 @@ use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use flix_host::link::LinkError;
 use flix_protocol::DEFAULT_PORT;
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::rig::bench::setpoint;
@@ -69,7 +68,8 @@ impl Watch {
     /// # Errors
     /// When no robot can be asked for them.
     pub fn new(asked: (f64, f64), times: Times, current_limit_a: f64) -> Result<Self, RigError> {
-        let setpoint = setpoint(asked.0, asked.1).map_err(|_| LinkError::OtherAnswer)?;
+        let setpoint =
+            setpoint(asked.0, asked.1).map_err(|error| RigError::Fault(error.to_string()))?;
         let meter = HoldMeter::new(setpoint);
         let (peak_current_a, reached, hold) = (0.0, None, None);
         Ok(Self { asked, times, current_limit_a, meter, peak_current_a, reached, hold })

@@ -4,7 +4,7 @@
 //! it must have after two more starts.
 
 use flix_firmware::board::EncoderKind;
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_protocol::message::{Command, Fault, ParameterCommand};
 use flix_protocol::provision::{Answer, Request};
 use flix_protocol::session::Key;

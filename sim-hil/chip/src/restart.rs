@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_protocol::message::{Command, Outcome, ParameterCommand, ResetReason};
 use serde::Serialize;
 

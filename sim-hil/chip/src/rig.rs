@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use flix_firmware::board::{EncoderKind, PWM_FREQUENCY_HZ};
-use flix_host::link::{Client, LinkError, Linked};
+use flix_host::link::{Client, LinkError, RobotLink};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::message::{OperatorName, Refusal};
 use flix_protocol::provision::{
@@ -24,7 +24,7 @@ use flix_esp32c6::flash::Flash;
 use flix_esp32c6::image::{Image, programmed_flash};
 use flix_esp32c6::network::{ACCESS_POINTS, Datagram, NAME, PASSPHRASE};
 
-/// How long an operator waits for an answer, for arming (which may align first), for a restart.
+/// How long is waited for what the serial port or telemetry shows: an answer, a restart.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 /// The operator's port.
 const OPERATOR_PORT: u16 = 40_000;
@@ -63,7 +63,7 @@ pub enum RigError {
     Restarts(ResetReason),
 }
 
-/// What was seen of the pins and the loop since [`Rig::watch`].
+/// What was seen of the pins and the loop since [`Rig::forget_seen`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Seen {
     /// Steps of the plant.
@@ -101,7 +101,7 @@ impl Seen {
     };
 }
 
-/// All of it.
+/// An emulated chip, the plant at its pins, its network and an operator.
 pub struct Rig {
     /// The chip.
     pub chip: Chip<Robot>,
@@ -190,7 +190,7 @@ impl Rig {
     }
 
     /// Forgets what was seen so far.
-    pub fn watch(&mut self) {
+    pub fn forget_seen(&mut self) {
         self.seen = Seen::NOTHING;
         self.watch_loop_from_here();
     }
@@ -439,7 +439,8 @@ impl Rig {
     /// # Errors
     /// When none comes.
     pub fn ask_serial(&mut self, request: &Request) -> Result<Answer, RigError> {
-        let frame = write_frame(request).ok_or(LinkError::OtherAnswer)?;
+        let frame = write_frame(request)
+            .ok_or_else(|| RigError::Fault("a request fits no frame".to_owned()))?;
         let mut at = self.serial.len();
         let mut reader = FrameReader::new();
         let mut ask_at = self.chip.cycles();
@@ -467,7 +468,7 @@ impl Rig {
     /// Never: the values are good.
     pub fn provisioning(&self, address: Option<FixedAddress>) -> Result<Provisioning, RigError> {
         let provisioning = Provisioning::new("walker", NAME, PASSPHRASE, address);
-        Ok(provisioning.map_err(|_| LinkError::OtherAnswer)?)
+        provisioning.map_err(|error| RigError::Fault(error.to_string()))
     }
 
     /// Returns who may command this rig's robot.
@@ -562,7 +563,7 @@ impl Rig {
     }
 }
 
-impl Linked for Rig {
+impl RobotLink for Rig {
     type Error = RigError;
 
     fn operate(&mut self) -> (&mut Client, Instant) {

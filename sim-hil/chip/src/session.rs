@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use flix_firmware::hardware::{Magnet, TICK_US};
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::RobotLink;
 use flix_protocol::message::{Command, Telemetry};
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
@@ -226,7 +226,7 @@ pub fn hold(
     times: Times,
     current_limit_a: f64,
 ) -> Result<Hold, RigError> {
-    let setpoint = setpoint(f_hz, theta_deg).map_err(|_| LinkError::OtherAnswer)?;
+    let setpoint = setpoint(f_hz, theta_deg).map_err(|error| RigError::Fault(error.to_string()))?;
     rig.hold(setpoint);
     rig.run(times.settle)?;
     let mut meter = HoldMeter::new(setpoint);
@@ -304,7 +304,7 @@ pub fn magnet_failures(rig: &mut Rig) -> Result<Vec<String>, RigError> {
 /// When it does not get to its end.
 pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Report, RigError> {
     let current_limit = rig.setting("current_limit")?;
-    rig.watch();
+    rig.forget_seen();
     progress("arming, which aligns first");
     rig.arm_uncommissioned()?;
     let mut report = Report::default();

@@ -7,7 +7,7 @@ use std::thread::{self, JoinHandle};
 use flix_cli::by_hand::drive::{Drive, Extras};
 use flix_cli::cockpit::desk;
 use flix_cli::cockpit::server::Server;
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_host::link::udp::Connection;
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::session::Key;

@@ -5,7 +5,7 @@ mod latency;
 
 use std::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_host::link::udp::Connection;
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::Setpoint;

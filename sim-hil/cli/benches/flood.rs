@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_host::link::udp::Connection;
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::session::{Key, OperatorSession};

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_plot::{Chart, Figure, Panel, Series, Stroke, Written, colour};
 use flix_protocol::message::Setpoint;
 use flix_shell::number::whole;
@@ -130,7 +130,7 @@ fn show_scenes(
             let began_s = operation.now().as_micros() as f64 * 1e-6;
             let mut step = StepMeter::new(setpoint, STEP_BAND);
             let mut hold = HoldMeter::new(setpoint);
-            operation.hold(setpoint);
+            operation.want(setpoint);
             operation.run(SETTLING, |truth| {
                 step.watch(truth);
                 recorder.watch(truth, setpoint);

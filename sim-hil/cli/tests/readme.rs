@@ -21,7 +21,7 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use clap::error::ErrorKind;
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_host::nav::PlanarPose;
 use flix_host::record::Run;
 use rustix::process::{Pid, Signal, kill_process, setpriority_process};

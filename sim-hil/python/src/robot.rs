@@ -3,14 +3,14 @@
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_protocol::message::{Command, Outcome, ParameterCommand};
 use flix_protocol::units::Instant;
 use flix_sim::experiment::walk::Start;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::rig::bench::{bench_key, setpoint};
-use flix_sim::rig::channel::ChannelParameters;
+use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::operation::Operation;
 use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -148,7 +148,7 @@ impl Session {
             Call::Arm => operation.arm().map_err(failed).map(|()| None),
             Call::Disarm => operation.ask(Command::Disarm).map_err(failed).map(|_| None),
             Call::Drive(f_hz, theta_deg) => {
-                operation.hold(setpoint(f_hz, theta_deg).map_err(refused)?);
+                operation.want(setpoint(f_hz, theta_deg).map_err(refused)?);
                 Ok(None)
             }
             Call::Setting(name, value) => setting(operation, &name, value).map(Some),

@@ -13,7 +13,7 @@ use flix_protocol::units::Instant;
 
 use crate::model::{ModelError, RobotModel};
 use crate::plant::{Diverged, Plant};
-use crate::rig::channel::ChannelParameters;
+use crate::rig::lossy_network::ChannelParameters;
 use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
 use crate::rig::operation::Operation;
 use crate::rig::simulated::{RobotParameters, SimulatedRobot};

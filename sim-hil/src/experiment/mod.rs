@@ -3,7 +3,7 @@
 pub mod course;
 pub mod metrics;
 pub mod probe;
-pub mod sequences;
+pub mod random_sequences;
 pub mod validation;
 pub mod walk;
 pub mod walks;

@@ -7,7 +7,7 @@
 use std::f64::consts::PI;
 use std::time::Duration;
 
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_host::nav::{self, Twist, wrap};
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
@@ -19,7 +19,7 @@ use serde::Serialize;
 use crate::model::{GRAVITY, ModelError, RobotModel};
 use crate::plant::{BodyState, Diverged, Drive, Mechanics, Plant};
 use crate::rig::bench::setpoint;
-use crate::rig::channel::ChannelParameters;
+use crate::rig::lossy_network::ChannelParameters;
 use crate::rig::operation::{Operation, OperationError};
 use crate::rig::simulated::{RobotParameters, SimulatedRobot};
 
@@ -279,7 +279,7 @@ fn by_firmware(
     let setpoint = walk.shaking.setpoint()?;
     let mut operation = Operation::new(robot, ChannelParameters::QUIET_WIFI);
     operation.arm()?;
-    operation.hold(setpoint);
+    operation.want(setpoint);
     operation.run(RUN_UP, |_| {})?;
     let mut odometer = Odometer::start(operation.robot.mechanics());
     let spent = operation.robot.electronics().battery().delivered();

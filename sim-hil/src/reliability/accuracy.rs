@@ -3,7 +3,7 @@
 //! Each base and frequency is one run of a robot from power-up: it is connected to, aligns, arms and
 //! is then led through all directions, by the real client over a quiet Wi-Fi network. Figures are the plant's truth.
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use std::time::Duration;
 
 use rayon::prelude::*;
@@ -169,7 +169,7 @@ pub(super) fn hold_directions(
         .into_iter()
         .map(|direction| {
             let setpoint = setpoint(frequency, direction)?;
-            operation.hold(setpoint);
+            operation.want(setpoint);
             operation.run(SETTLING, |_| {})?;
             let mut meter = HoldMeter::new(setpoint);
             operation.run(MEASURING, |truth| meter.watch(truth))?;
@@ -204,11 +204,11 @@ pub(super) fn step_of(
     let current_limit_a =
         operation.wait_until_connected().and_then(|()| operation.setting("current_limit"))?;
     operation.arm()?;
-    operation.hold(setpoint(step.from.0, step.from.1)?);
+    operation.want(setpoint(step.from.0, step.from.1)?);
     operation.run(SETTLING, |_| {})?;
     let target = setpoint(step.to.0, step.to.1)?;
     let mut meter = StepMeter::new(target, STEP_BAND);
-    operation.hold(target);
+    operation.want(target);
     operation.run(WATCHING, |truth| meter.watch(truth))?;
     Ok(StepResult {
         name: format!("{}, {base} base", step.name),

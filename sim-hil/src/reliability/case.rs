@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::rig::channel::{Bursts, ChannelParameters};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault};
+use crate::rig::lossy_network::{Bursts, ChannelParameters};
 use crate::rig::simulated::Processor;
 
 /// What goes wrong.

@@ -7,7 +7,7 @@
 
 use std::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_protocol::message::{Fault, State};
 use flix_protocol::units::Instant;
 use rand::{Rng, RngExt, SeedableRng};
@@ -20,8 +20,8 @@ use crate::plant::Plant;
 use crate::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
 use crate::reliability::case::{CASES, Case, Cause, Promise, WIFI};
 use crate::rig::bench::{BASES, Base, BenchError, bench_of_board, learnt, setpoint};
-use crate::rig::channel::ChannelParameters;
 use crate::rig::hardware_fault::{HardwareFault, Injected};
+use crate::rig::lossy_network::ChannelParameters;
 use crate::rig::operation::Operation;
 use crate::rig::simulated::SimulatedRobot;
 
@@ -173,10 +173,10 @@ impl Place<'_> {
         let mut operation = bench_of_board(self.base, senses_current, self.seed, flash, WIFI)?;
         operation.arm()?;
         if self.onset == Onset::Reversing {
-            operation.hold(setpoint(-frequency, direction)?);
+            operation.want(setpoint(-frequency, direction)?);
             operation.run(SETTLING, |_| {})?;
         }
-        operation.hold(setpoint(frequency, direction)?);
+        operation.want(setpoint(frequency, direction)?);
         let lead = if self.onset == Onset::Holding { SETTLING } else { INTO_THE_RAMP };
         operation.run(lead + DITHER.mul_f64(random.random::<f64>()), |_| {})?;
 

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use flix_firmware::fast::margin::{LEAST_MARGIN, Margins};
 use flix_firmware::settings::Settings;
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_protocol::message::{Refusal, Setpoint};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -152,9 +152,9 @@ pub fn run(set: &Set, seed: u64) -> Result<Verdict, BenchError> {
         }
         Err(error) => return Err(error.into()),
     }
-    operation.hold(setpoint(DRIVEN_HZ, 0.0)?);
+    operation.want(setpoint(DRIVEN_HZ, 0.0)?);
     operation.run(DRIVEN, |_| {})?;
-    operation.hold(Setpoint::REST);
+    operation.want(Setpoint::REST);
     operation.run(RAMP, |_| {})?;
     let (mut heat, mut ticks) = (0.0, 0.0);
     operation.run(REST, |truth| {

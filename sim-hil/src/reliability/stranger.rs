@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use flix_host::commission::{CommissionError, Commissioned, Known, commission, motor_name};
-use flix_host::link::{ARM_PATIENCE, Client, LinkError, Linked, passes};
-use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint};
+use flix_host::link::{ARM_PATIENCE, Client, LinkError, RobotLink, passes};
+use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal};
 use flix_protocol::units::Instant;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -230,7 +230,7 @@ impl Watched {
     }
 }
 
-impl Linked for Watched {
+impl RobotLink for Watched {
     type Error = OperationError;
 
     fn operate(&mut self) -> (&mut Client, Instant) {
@@ -261,9 +261,5 @@ impl Linked for Watched {
     fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {
         let late = LATEST.mul_f64(self.late.random());
         Ok(self.operation.run(duration + late, |_| {})?)
-    }
-
-    fn hold(&mut self, setpoint: Setpoint) {
-        self.operation.hold(setpoint);
     }
 }

@@ -1,6 +1,6 @@
 //! The bench: a shaker without legs on a stand, and an operator on a network before it.
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
 use flix_protocol::units::OutOfRange;
@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::model::{ModelError, RobotModel};
 use crate::plant::Plant;
-use crate::rig::channel::ChannelParameters;
+use crate::rig::lossy_network::ChannelParameters;
 use crate::rig::operation::{Operation, OperationError};
 use crate::rig::simulated::{RobotParameters, SimulatedRobot};
 

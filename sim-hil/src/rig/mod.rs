@@ -3,12 +3,12 @@
 //! Nothing in the robot's software or in the operator's client knows that it is simulated. All chance comes from seeds.
 
 pub mod bench;
-pub mod channel;
 pub mod hardware_fault;
+pub mod lossy_network;
 pub mod mode_table;
 pub mod motion_capture;
 #[cfg(not(target_family = "wasm"))]
-pub mod network;
+pub mod network_task;
 pub mod operation;
 pub mod simulated;
 pub mod wiring_fault;

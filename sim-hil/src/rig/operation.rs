@@ -6,19 +6,19 @@
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
-use flix_host::link::{Client, LinkError, Linked};
+use flix_host::link::{Client, LinkError, RobotLink};
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Refusal, Setpoint};
+use flix_protocol::message::Refusal;
 use flix_protocol::session::{Key, StopSession};
 use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::plant::{Diverged, Mechanics};
-use crate::rig::channel::{Channel, ChannelParameters};
+use crate::rig::lossy_network::{Channel, ChannelParameters};
 use crate::rig::simulated::{SimulatedRobot, Truth};
 
-/// The simulation did not do what its operator asked.
+/// Why a simulated robot did not do what its operator asked.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OperationError {
     /// The plant's state is useless.
@@ -246,8 +246,8 @@ impl<M: Mechanics> Operation<M> {
     }
 }
 
-/// The first operator's robot. What he holds he wants, as a person does; nothing has happened yet when that returns.
-impl<M: Mechanics> Linked for Operation<M> {
+/// The first operator's robot.
+impl<M: Mechanics> RobotLink for Operation<M> {
     type Error = OperationError;
 
     fn operate(&mut self) -> (&mut Client, Instant) {
@@ -264,10 +264,5 @@ impl<M: Mechanics> Linked for Operation<M> {
             OperationError::Link(error) => error.refusal(),
             OperationError::Diverged(_) => None,
         }
-    }
-
-    fn hold(&mut self, setpoint: Setpoint) {
-        let (client, shown) = self.operate();
-        client.want(shown, setpoint);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_host::nav::{
     Approach, Decision, ModeTable, Navigator, Path, PathError, Position, Settings, Task,
 };
@@ -18,8 +18,8 @@ use flix_protocol::units::Instant;
 use flix_sim::model::{ModelError, RobotModel};
 use flix_sim::plant::{Diverged, Plant, Wrench};
 use flix_sim::reliability::case::{CASES, Cause};
-use flix_sim::rig::channel::ChannelParameters;
 use flix_sim::rig::hardware_fault::Injected;
+use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::mode_table::shipped_table;
 use flix_sim::rig::motion_capture::{MotionCapture, POSE_PERIOD};
 use flix_sim::rig::operation::{Operation, OperationError};

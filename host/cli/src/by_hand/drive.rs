@@ -6,7 +6,7 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
 use flix_host::link::udp::Connection;
-use flix_host::link::{Client, LinkError, Linked};
+use flix_host::link::{Client, LinkError, RobotLink};
 use flix_host::pose::any::Poses;
 use flix_host::pose::{PoseError, PoseSource};
 use flix_host::record::{RecordError, Recorder};

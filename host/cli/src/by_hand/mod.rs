@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use self::drive::{Drive, DriveError, Ending, Extras};
 use super::address::RobotArgs;
 use super::run::{PoseArgs, record};
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_host::pose::any::Poses;
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::print;

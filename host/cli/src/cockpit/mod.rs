@@ -1,8 +1,8 @@
 //! `flix cockpit`: drives in the browser.
 
-pub mod access;
 pub mod desk;
 mod door;
+pub mod guard;
 pub mod server;
 
 use std::net::SocketAddr;

@@ -22,8 +22,8 @@ use futures_util::{SinkExt as _, StreamExt as _};
 use tokio::sync::{Semaphore, watch};
 use tokio::time::timeout;
 
-use super::access::{Guard, Refusal, hexadecimal};
 use super::door::{self, Visitor};
+use super::guard::{Guard, Refusal, hexadecimal};
 use crate::by_hand::drive::Gone;
 use flix_host::teleop::page::html::Page;
 use flix_host::teleop::page::message::Message;

@@ -14,7 +14,7 @@ use super::address::{RobotArgs, key_file};
 use file::Change;
 use flix_host::link::keys::KEY_FILE_VARIABLE;
 use flix_host::link::udp::Connection;
-use flix_host::link::{LinkError, Linked};
+use flix_host::link::{LinkError, RobotLink};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::teleop::settings::Described;
 use flix_shell::number::in_unit;
@@ -354,13 +354,13 @@ fn import(
 fn undo(connection: &mut Connection, done: &[Change], present: &[Parameter]) {
     // The error that led here is reported; another one adds nothing.
     for change in done.iter().rev() {
-        let _ = connection.put(change.name.clone(), change.old, Mark::Measured);
+        let _ = connection.set_marked(change.name.clone(), change.old, Mark::Measured);
     }
     let now = list(connection).unwrap_or_default();
     for (before, now) in present.iter().zip(&now) {
         if (before.value, before.mark) != (now.value, now.mark) {
             let mark = before.mark.unwrap_or(Mark::Measured);
-            let _ = connection.put(before.name.clone(), before.value, mark);
+            let _ = connection.set_marked(before.name.clone(), before.value, mark);
         }
     }
 }

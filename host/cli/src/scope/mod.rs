@@ -19,7 +19,7 @@ use super::address::RobotArgs;
 use super::drive::{direction, frequency, give_up, stop};
 use crate::teleop::terminal::{Screen, is_closed};
 use flix_host::link::udp::Connection;
-use flix_host::link::{LinkError, Linked, Update, is_reached};
+use flix_host::link::{LinkError, RobotLink, Update, is_reached};
 use flix_host::record::dated;
 use flix_host::scope::{self, Capture, Extent, channels, files, trigger};
 use flix_host::system::interrupt::Interrupt;

@@ -10,7 +10,7 @@
 use std::time::Duration;
 
 use flix_firmware::hardware::TICK_RATE_HZ;
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_protocol::message::{Command, Dropped, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::{Instant, OutOfRange};
@@ -19,8 +19,8 @@ use super::attacker::Attacker;
 use super::kind::{FORGERIES, Kind};
 use crate::plant::Plant;
 use crate::rig::bench::{Base, BenchError, bench_knowing, setpoint};
-use crate::rig::channel::ChannelParameters;
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
+use crate::rig::lossy_network::ChannelParameters;
 use crate::rig::operation::{Operation, Towards};
 use crate::rig::simulated::Processor;
 
@@ -218,7 +218,7 @@ fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, Be
     let now = operation.now();
     operation.client().request(now, Command::Arm);
     overhear(operation, now + Duration::from_millis(1_500))?;
-    operation.hold(setpoint(30.0, 0.0)?);
+    operation.want(setpoint(30.0, 0.0)?);
     let now = operation.now();
     overhear(operation, now + Duration::from_millis(300))?;
     operation.client().leave();
@@ -246,13 +246,13 @@ fn script(
         operation.client().telemetry().is_some_and(|telemetry| telemetry.state == State::Disarmed);
     let may_arm = (700..2_000).contains(&milliseconds) || (5_700..6_500).contains(&milliseconds);
     match milliseconds {
-        2_000 => operation.hold(setpoint(30.0, 30.0)?),
-        3_500 => operation.hold(setpoint(-30.0, -60.0)?),
+        2_000 => operation.want(setpoint(30.0, 30.0)?),
+        3_500 => operation.want(setpoint(-30.0, -60.0)?),
         5_000 => operation.client().stop(now),
         5_600 => {
             operation.client().request(now, Command::Clear);
         }
-        6_600 => operation.hold(setpoint(-30.0, 90.0)?),
+        6_600 => operation.want(setpoint(-30.0, 90.0)?),
         _ if may_arm && is_disarmed && milliseconds.is_multiple_of(100) => {
             operation.client().request(now, Command::Arm);
         }
@@ -290,7 +290,7 @@ mod tests {
             }
             if tick == 22_000 {
                 assert_eq!(Divergence::between(&scenario.attacked, &scenario.calm), differ);
-                scenario.attacked.hold(setpoint(30.0, 31.0).unwrap());
+                scenario.attacked.want(setpoint(30.0, 31.0).unwrap());
             }
         }
         differ = Divergence::between(&scenario.attacked, &scenario.calm);

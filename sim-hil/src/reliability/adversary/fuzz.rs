@@ -2,7 +2,7 @@
 
 use core::net::SocketAddr;
 
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_protocol::frame::{Datagram, MAXIMUM_MESSAGE};
 use flix_protocol::message::{ToOperator, ToRobot, unreadable};
 use flix_protocol::provision::{Answer, FrameReader, Request};

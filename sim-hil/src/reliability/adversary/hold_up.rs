@@ -25,8 +25,8 @@ use super::kind::Kind;
 use crate::plant::Plant;
 use crate::reliability::fault_matrix::REST_HZ;
 use crate::rig::bench::{Base, BenchError, bench_knowing, setpoint};
-use crate::rig::channel::{ChannelParameters, Release};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
+use crate::rig::lossy_network::{ChannelParameters, Release};
 use crate::rig::operation::{Operation, Towards};
 use crate::rig::simulated::Processor;
 

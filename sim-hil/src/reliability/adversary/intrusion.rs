@@ -32,7 +32,9 @@ use super::kind::{INTRUSIONS, Kind};
 use crate::plant::{Diverged, Plant};
 use crate::reliability::fault_matrix::REST_HZ;
 use crate::rig::bench::{Base, BenchError, bench_key, bench_knowing, setpoint};
-use crate::rig::network::{self, Arp, Network, OPERATOR, ROBOT, ROUTER, TICK, Wire, arp, now};
+use crate::rig::network_task::{
+    self as network, Arp, Network, OPERATOR, ROBOT, ROUTER, TICK, Wire, arp, now,
+};
 use crate::rig::simulated::SimulatedRobot;
 
 /// Frames a second: more than the neighbours that a stack knows, and a flood.

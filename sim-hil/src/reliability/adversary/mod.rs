@@ -314,7 +314,7 @@ fn verdict(
 mod tests {
     use super::*;
     use crate::rig::bench::bench;
-    use flix_host::link::Linked;
+    use flix_host::link::RobotLink;
     use flix_protocol::message::{Command, ParameterCommand};
 
     const NONE: Effort = Effort { datagrams: 0, sessions: 0, bytes: 0 };

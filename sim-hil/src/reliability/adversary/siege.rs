@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::provision::Provisioner;
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 use flix_host::teleop::page::hall::{Hall, PATIENCE};
 use flix_protocol::failsafe::LINK_LOST;
 use flix_protocol::frame::{HEAD, Nonce};
@@ -218,7 +218,7 @@ impl Siege {
         let mut operation = bench_knowing(Base::Free, seed, flash.clone(), NETWORK)?;
         operation.wait_until_connected()?;
         operation.arm()?;
-        operation.hold(setpoint(30.0, 30.0)?);
+        operation.want(setpoint(30.0, 30.0)?);
         operation.run(Duration::from_millis(1_200), |_| {})?;
         let silence = Duration::from_millis(self.random.random_range(620..950));
         self.fails(silence >= LINK_LOST || operation.robot.truth().is_slower_than(REST_HZ));

@@ -13,8 +13,8 @@ use super::watch::{Account, Rule, Watch};
 use crate::experiment::metrics::line_error;
 use crate::plant::Plant;
 use crate::rig::bench::{BASES, BenchError, bench_knowing, learnt, setpoint};
-use crate::rig::channel::{Bursts, ChannelParameters};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
+use crate::rig::lossy_network::{Bursts, ChannelParameters};
 use crate::rig::operation::Operation;
 use crate::rig::simulated::{Processor, Truth};
 
@@ -367,7 +367,7 @@ fn is_near(truth: &Truth, setpoint: Setpoint) -> bool {
 #[cfg(test)]
 mod tests {
     use flix_firmware::hardware::Actuation;
-    use flix_host::link::Linked;
+    use flix_host::link::RobotLink;
 
     use super::*;
     use crate::rig::simulated::Disturbance;
@@ -387,7 +387,7 @@ mod tests {
         let mut scenario = Scenario::new(2).unwrap();
         scenario.isolate(ChannelParameters::CUT);
         scenario.operation.arm().unwrap();
-        scenario.operation.hold(setpoint(30.0, 0.0).unwrap());
+        scenario.operation.want(setpoint(30.0, 0.0).unwrap());
         scenario.advance(Duration::from_secs(1), &|| ()).unwrap();
         scenario.operation.robot.disturb(Unsupplied);
         scenario.advance(Duration::from_secs(3), &|| ()).unwrap();

@@ -1,7 +1,7 @@
 //! Walks whose f and theta change again and again, on ideal drives and under the robot's software.
 
 use core::time::Duration;
-use flix_host::link::Linked;
+use flix_host::link::RobotLink;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -11,7 +11,7 @@ use crate::batch::{Batch, Precision};
 use crate::model::RobotModel;
 use crate::plant::{BodyState, Plant};
 use crate::rig::bench::{bench_key, setpoint};
-use crate::rig::channel::ChannelParameters;
+use crate::rig::lossy_network::ChannelParameters;
 use crate::rig::operation::Operation;
 use crate::rig::simulated::{RobotParameters, SimulatedRobot};
 
@@ -110,7 +110,7 @@ pub fn under_software(
     let (began, theta_rad) =
         (operation.robot.mechanics().body(), operation.robot.truth().direction);
     for held in sequence {
-        operation.hold(setpoint(held.frequency_hz, held.theta_deg)?);
+        operation.want(setpoint(held.frequency_hz, held.theta_deg)?);
         operation.run(Duration::from_secs_f64(held.seconds), |_| {})?;
     }
     Ok((displacement(&began, &operation.robot.mechanics().body()), theta_rad))

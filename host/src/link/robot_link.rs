@@ -13,7 +13,7 @@ use super::{
     TELEMETRY_LAG, Update,
 };
 
-/// Twice the longest time in which a robot ramps down.
+/// Twice the longest time in which a robot ramps down and brakes what still turns.
 pub(super) const DISARM_PATIENCE: Duration = Duration::from_secs(2);
 /// Longest time that passes between two looks at what has come.
 pub(super) const LONGEST_WAIT: Duration = Duration::from_millis(20);
@@ -21,9 +21,10 @@ pub(super) const LONGEST_WAIT: Duration = Duration::from_millis(20);
 /// A robot over its link: on a socket in real time ([`super::udp::Connection`]), or simulated. It takes a client, its time and a
 /// way to let time pass; the rest follows.
 ///
-/// All that waits ends with [`LinkError::Connect`], [`LinkError::Silent`], [`LinkError::Back`] or [`LinkError::Left`] where the
-/// session ends, and with what [`Linked::wait`] fails with.
-pub trait Linked {
+/// What waits for something in a session ends where the session does, with [`LinkError::Connect`], [`LinkError::Revoked`],
+/// [`LinkError::Silent`], [`LinkError::Back`] or [`LinkError::Left`], and where time does not pass any more, with what
+/// [`RobotLink::wait`] returns.
+pub trait RobotLink {
     /// Why the robot did not do as asked.
     type Error: From<LinkError>;
 
@@ -39,17 +40,17 @@ pub trait Linked {
     /// Returns the refusal that this error reports.
     fn refusal(error: &Self::Error) -> Option<&Refusal>;
 
-    /// Returns what it means that the client failed to connect.
+    /// Returns why there is no session, by why the client failed to connect.
     fn no_session(&self, error: ConnectError) -> LinkError {
         LinkError::Connect(error)
     }
 
-    /// Runs until `look` returns a value for an update or, once all are seen, for none, through lost sessions, too; waits for no
-    /// longer than until `deadline` between two looks.
+    /// Runs until `look` returns a value: it is shown each update, and `None` whenever all have been shown. Goes on where a session
+    /// is lost. `deadline` bounds the wait between two looks, and ends nothing by itself.
     ///
     /// # Errors
     /// When time does not pass any more.
-    fn watch<T>(
+    fn look_until<T>(
         &mut self,
         deadline: Instant,
         mut look: impl FnMut(&mut Client, Instant, Option<&Update>) -> Option<T>,
@@ -68,16 +69,16 @@ pub trait Linked {
         }
     }
 
-    /// Does so in this session.
+    /// Runs as [`RobotLink::look_until`] does, in this session alone.
     ///
     /// # Errors
     /// When the session ends.
-    fn watch_session<T>(
+    fn look_in_session<T>(
         &mut self,
         deadline: Instant,
         mut look: impl FnMut(&mut Client, Instant, Option<&Update>) -> Option<T>,
     ) -> Result<T, Self::Error> {
-        let found = self.watch(deadline, |client, now, update| {
+        let found = self.look_until(deadline, |client, now, update| {
             let found = look(client, now, update).map(Ok);
             let ends = |it: &&Update| matches!(it, Update::Failed(_) | Update::Lost | Update::Left);
             found.or_else(|| update.filter(ends).cloned().map(Err))
@@ -103,7 +104,7 @@ pub trait Linked {
         mut look: impl FnMut(&Client, &Update) -> Option<T>,
     ) -> Result<Option<T>, Self::Error> {
         let deadline = self.operate().1 + patience;
-        self.watch_session(deadline, |client, now, update| match update {
+        self.look_in_session(deadline, |client, now, update| match update {
             Some(update) => look(client, update).map(Some),
             None => (now >= deadline).then_some(None),
         })
@@ -132,12 +133,12 @@ pub trait Linked {
         self.wait_for(duration, |_, _| None::<()>).map(|_| ())
     }
 
-    /// Returns why the session is lost: a robot that is there refuses a key that was revoked, or answers again. Of one that
-    /// answers its state is awaited, too: it decides whether the robot is still driven.
+    /// Returns why the session is lost: a robot that is there refuses a key that was revoked, or answers again. Where it answers,
+    /// waits for its telemetry, too, which tells whether it is still driven.
     fn why_lost(&mut self) -> LinkError {
         let deadline = self.operate().1 + REVOKED_PATIENCE;
         let mut why = LinkError::Silent;
-        let found = self.watch(deadline, |_, now, update| match update {
+        let found = self.look_until(deadline, |_, now, update| match update {
             Some(Update::Failed(ConnectError::WrongKey)) => Some(LinkError::Revoked),
             Some(Update::Connected) => {
                 why = LinkError::Back;
@@ -157,7 +158,7 @@ pub trait Linked {
     /// When there is none.
     fn wait_until_connected(&mut self) -> Result<(), Self::Error> {
         let deadline = self.operate().1 + 2 * flix_protocol::session::CONNECT_PATIENCE;
-        let connected = self.watch(deadline, |_, now, update| match update {
+        let connected = self.look_until(deadline, |_, now, update| match update {
             Some(Update::Connected) => Some(Ok(())),
             Some(Update::Failed(error)) => Some(Err(*error)),
             Some(_) => None,
@@ -181,6 +182,7 @@ pub trait Linked {
     /// # Errors
     /// When there is none.
     fn answer(&mut self, request: u32) -> Result<Outcome, Self::Error> {
+        // As long as it is repeated, and one request more; the client itself says when it is unanswered.
         let longest = PASSING_PATIENCE + 2 * REQUEST_PATIENCE;
         let outcome = self.wait_for(longest, |_, update| match update {
             Update::Answer { request: answered, outcome } if *answered == request => {
@@ -208,7 +210,7 @@ pub trait Linked {
         }
     }
 
-    /// Returns who stopped the robot, as soon as telemetry states it.
+    /// Returns the refusal of a stopped robot as an error that names who stopped it, as soon as telemetry states that.
     ///
     /// # Errors
     /// When the session ends.
@@ -220,12 +222,12 @@ pub trait Linked {
         Ok(stopper.map_or(LinkError::Refused(Refusal::Stopped), LinkError::StoppedBy))
     }
 
-    /// Returns a setting.
+    /// Returns a setting as the robot states it: its value, unit and range, and how it is known.
     ///
     /// # Errors
-    /// As for [`Linked::ask`]; when the robot has none of this name.
+    /// As for [`RobotLink::ask`]; when the robot has none of this name.
     fn parameter(&mut self, name: impl TryInto<Name>) -> Result<Parameter, Self::Error> {
-        match self.ask(Command::Parameter(ParameterCommand::Get(known(name)?)))? {
+        match self.ask(Command::Parameter(ParameterCommand::Get(setting_name(name)?)))? {
             Outcome::Parameter(parameter) => Ok(parameter),
             _ => Err(LinkError::OtherAnswer.into()),
         }
@@ -234,32 +236,38 @@ pub trait Linked {
     /// Sets a setting until power-off.
     ///
     /// # Errors
-    /// As for [`Linked::parameter`]; when the robot refuses the value.
+    /// As for [`RobotLink::parameter`]; when the robot refuses the value.
     fn set(&mut self, name: impl TryInto<Name>, value: f32) -> Result<(), Self::Error> {
-        self.ask(Command::Parameter(ParameterCommand::Set(known(name)?, value))).map(drop)
+        self.ask(Command::Parameter(ParameterCommand::Set(setting_name(name)?, value))).map(drop)
     }
 
-    /// Does the same, and states how the value is known.
+    /// Sets a setting until power-off, and states how its value is known.
     ///
     /// # Errors
-    /// As for [`Linked::set`].
-    fn put(&mut self, name: impl TryInto<Name>, value: f32, mark: Mark) -> Result<(), Self::Error> {
-        self.ask(Command::Parameter(ParameterCommand::Put(known(name)?, value, mark))).map(drop)
+    /// As for [`RobotLink::set`].
+    fn set_marked(
+        &mut self,
+        name: impl TryInto<Name>,
+        value: f32,
+        mark: Mark,
+    ) -> Result<(), Self::Error> {
+        self.ask(Command::Parameter(ParameterCommand::Put(setting_name(name)?, value, mark)))
+            .map(drop)
     }
 
     /// Returns the value of a setting.
     ///
     /// # Errors
-    /// As for [`Linked::parameter`].
+    /// As for [`RobotLink::parameter`].
     fn setting(&mut self, name: impl TryInto<Name>) -> Result<f64, Self::Error> {
         Ok(self.parameter(name)?.value.into())
     }
 
-    /// Arms the robot, once it is connected: waits until the link is proven and the motors are aligned. From then on the
+    /// Arms the robot: waits until it is connected, its link is proven and its motors are aligned. From then on the
     /// robot holds its rotors at rest until [`Client::hold`] commands something else.
     ///
     /// # Errors
-    /// As for [`Linked::ask`]; when a fault is latched.
+    /// As for [`RobotLink::ask`]; when a fault is latched.
     fn arm(&mut self) -> Result<(), Self::Error> {
         let (client, now) = self.operate();
         if !client.is_connected(now) {
@@ -269,7 +277,7 @@ pub trait Linked {
         let deadline = now + ARM_PATIENCE;
         let mut arming = Arming::begin(now, client, deadline);
         let mut has_obeyed = false;
-        let ended = self.watch_session(deadline, |client, now, update| {
+        let ended = self.look_in_session(deadline, |client, now, update| {
             if let Some(update) = update {
                 return arming.observe(now, client, update);
             }
@@ -290,7 +298,7 @@ pub trait Linked {
     /// Brings the rotors to rest and lets the motors coast.
     ///
     /// # Errors
-    /// As for [`Linked::ask`]; when the robot does not come to rest in time.
+    /// As for [`RobotLink::ask`]; when the robot does not come to rest in time.
     fn disarm(&mut self) -> Result<(), Self::Error> {
         self.operate().0.release();
         self.ask(Command::Disarm)?;
@@ -308,14 +316,20 @@ pub trait Linked {
         self.operate().0.telemetry().copied()
     }
 
-    /// Commands the robot to shake so until something else is commanded.
+    /// Commands the robot to shake so until something else is commanded, as a person does: see [`Client::want`].
+    fn want(&mut self, setpoint: Setpoint) {
+        let (client, now) = self.operate();
+        client.want(now, setpoint);
+    }
+
+    /// Commands it so, as a program does that steers by itself: see [`Client::hold`].
     fn hold(&mut self, setpoint: Setpoint) {
         let (client, now) = self.operate();
         client.hold(now, setpoint);
     }
 }
 
-/// Returns the name of a setting; one that is too long no robot knows.
-fn known(name: impl TryInto<Name>) -> Result<Name, LinkError> {
+/// Returns the name of a setting. No robot has one whose name is longer than names can be.
+fn setting_name(name: impl TryInto<Name>) -> Result<Name, LinkError> {
     name.try_into().map_err(|_| LinkError::Refused(Refusal::UnknownParameter))
 }
