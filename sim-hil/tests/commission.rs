@@ -9,7 +9,7 @@ use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Finding, Known, Step, commission};
 use flix_host::link::{Client, LinkError, RobotLink};
-use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Refusal};
+use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Refusal, Setpoint};
 use flix_protocol::units::Instant;
 use flix_sim::model::{Electrical, RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::Plant;
@@ -397,6 +397,10 @@ impl RobotLink for Leaving<'_> {
     fn disarm(&mut self) -> Result<(), OperationError> {
         self.goes_on()?;
         self.robot.disarm()
+    }
+
+    fn hold(&mut self, setpoint: Setpoint) {
+        self.robot.hold(setpoint);
     }
 
     fn refusal(error: &OperationError) -> Option<&Refusal> {

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use flix_host::commission::{CommissionError, Commissioned, Known, commission, motor_name};
 use flix_host::link::{ARM_PATIENCE, Client, LinkError, RobotLink, passes};
-use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal};
+use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint};
 use flix_protocol::units::Instant;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -261,5 +261,9 @@ impl RobotLink for Watched {
     fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {
         let late = LATEST.mul_f64(self.late.random());
         Ok(self.operation.run(duration + late, |_| {})?)
+    }
+    /// Its owner is a person.
+    fn hold(&mut self, setpoint: Setpoint) {
+        self.want(setpoint);
     }
 }
