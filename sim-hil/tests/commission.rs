@@ -9,7 +9,7 @@ use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Finding, Known, Step, commission};
 use flix_host::link::{Client, LinkError, RobotLink};
-use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Refusal, Setpoint};
+use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Setpoint};
 use flix_protocol::units::Instant;
 use flix_sim::model::{Electrical, RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::Plant;
@@ -372,10 +372,10 @@ impl RobotLink for Leaving<'_> {
         self.robot.wait(longest)
     }
 
-    fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
+    fn insist(&mut self, command: Command) -> Result<Outcome, OperationError> {
         self.goes_on()?;
         let is_trial = matches!(command, Command::Trial(_));
-        let outcome = self.robot.ask(command)?;
+        let outcome = self.robot.insist(command)?;
         if is_trial && (self.is_lost)() {
             self.robot.operation.operators[0].is_gone = true;
             self.robot.pause(Duration::from_millis(300))?;
@@ -401,10 +401,6 @@ impl RobotLink for Leaving<'_> {
 
     fn hold(&mut self, setpoint: Setpoint) {
         self.robot.hold(setpoint);
-    }
-
-    fn refusal(error: &OperationError) -> Option<&Refusal> {
-        Watched::refusal(error)
     }
 }
 

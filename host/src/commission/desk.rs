@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use flix_protocol::failsafe::longest_command_age;
 use flix_protocol::message::{
-    Channel, Command, Fault, Mark, Parameter, ParameterCommand, Refusal, ScopeCommand, ScopePlan,
-    ScopeState, Setpoint, State, Trigger,
+    Channel, Command, Fault, Mark, Outcome, Parameter, ParameterCommand, Refusal, ScopeCommand,
+    ScopePlan, ScopeState, Setpoint, State, Trigger,
 };
 
 use super::finding::{Finding, motor_name};
@@ -150,7 +150,8 @@ impl<'a, S: RobotLink> Desk<'a, S> {
     }
 
     fn write(&mut self, name: &str, value: f32, mark: Mark) -> Done<(), S> {
-        Ok(self.subject.set_marked(name, value, mark)?)
+        self.subject.set_marked(name, value, mark)?;
+        Ok(())
     }
 
     /// Changes a setting.
@@ -177,18 +178,14 @@ impl<'a, S: RobotLink> Desk<'a, S> {
     /// Gives the position loops this bandwidth, Hz, or the largest that the robot calls stable beside its other settings.
     pub(super) fn set_position_bandwidth(&mut self, bandwidth: f64) -> Done<(), S> {
         self.set(POSITION_BANDWIDTH, bandwidth)?;
-        let Err(error) = self.subject.ask(Command::Parameter(ParameterCommand::Check)) else {
-            return Ok(());
-        };
-        match S::refusal(&error) {
-            Some(Refusal::UnstablePosition { position_bandwidth_instead: instead, .. })
-                if *instead > 0.0 =>
+        match self.subject.insist(Command::Parameter(ParameterCommand::Check))? {
+            Outcome::Refused(Refusal::UnstablePosition { position_bandwidth_instead, .. })
+                if position_bandwidth_instead > 0.0 =>
             {
-                self.set(POSITION_BANDWIDTH, (*instead).into())
+                self.set(POSITION_BANDWIDTH, position_bandwidth_instead.into())
             }
             // What else it refuses is said when it is armed.
-            Some(_) => Ok(()),
-            None => Err(error.into()),
+            _ => Ok(()),
         }
     }
 

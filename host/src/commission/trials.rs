@@ -91,17 +91,20 @@ impl<S: RobotLink> Desk<'_, S> {
         halts: Option<u8>,
     ) -> Done<(Columns, Bridges), S> {
         self.begin_capture(channels, Trigger::Pattern, 0)?;
-        let tried = self.subject.ask(Command::Trial(trial));
-        if let Err(error) = &tried {
-            // What ends a trial at once is heard of before its answer.
-            self.check(step)?;
-            if S::refusal(error) == Some(&Refusal::Rested) {
-                // Which it states with its next telemetry.
-                self.subject.pause(LOOK)?;
-                return Err(CommissionError::Lapsed(step));
+        let bridges = match self.subject.insist(Command::Trial(trial))? {
+            Outcome::Bridges(bridges) => bridges,
+            Outcome::Refused(refusal) => {
+                // What ends a trial at once is heard of before its answer.
+                self.check(step)?;
+                if refusal == Refusal::Rested {
+                    // Which it states with its next telemetry.
+                    self.subject.pause(LOOK)?;
+                    return Err(CommissionError::Lapsed(step));
+                }
+                self.subject.refused(refusal)?
             }
-        }
-        let Outcome::Bridges(bridges) = tried? else { return Err(CommissionError::OtherAnswer) };
+            _ => return Err(CommissionError::OtherAnswer),
+        };
         let columns = self.capture_since(step, rows, halts)?;
         self.await_state(step, State::Disarmed, false)?;
         Ok((columns, bridges))
@@ -185,12 +188,12 @@ impl<S: RobotLink> Desk<'_, S> {
             }
             self.clear(Step::Wiring)?;
             self.begin_capture(channels, Trigger::Fault, LOOKED_TICKS)?;
-            match self.subject.ask(Command::Trial(trial)) {
-                // It gave up before its answer came.
-                Err(error) if matches!(S::refusal(&error), Some(Refusal::Faulted(_))) => {}
-                tried => {
-                    tried?;
+            match self.subject.insist(Command::Trial(trial))? {
+                // `Faulted`: it gave up before its answer came.
+                Outcome::Refused(refusal) if !matches!(refusal, Refusal::Faulted(_)) => {
+                    self.subject.refused(refusal)?
                 }
+                _ => {}
             }
             // Where a current just about shows, this one may find it.
             for _ in 0..TRIAL_LOOKS {

@@ -94,15 +94,6 @@ impl LinkError {
         Self::Faulted { first: telemetry.first_fault, all: telemetry.faults }
     }
 
-    /// Returns the refusal that this reports.
-    #[must_use]
-    pub const fn refusal(&self) -> Option<&Refusal> {
-        match self {
-            Self::Refused(refusal) => Some(refusal),
-            _ => None,
-        }
-    }
-
     /// Returns why a robot that was armed is driven no more, if this update says so.
     #[must_use]
     pub fn while_driven(update: &Update) -> Option<Self> {

@@ -37,9 +37,6 @@ pub trait RobotLink {
     /// When the network fails permanently, a simulation cannot go on, or the program is interrupted.
     fn wait(&mut self, longest: Duration) -> Result<(), Self::Error>;
 
-    /// Returns the refusal that this error reports.
-    fn refusal(error: &Self::Error) -> Option<&Refusal>;
-
     /// Returns why there is no session, by why the client failed to connect.
     fn no_session(&self, error: ConnectError) -> LinkError {
         LinkError::Connect(error)
@@ -194,32 +191,39 @@ pub trait RobotLink {
         Ok(outcome.flatten().ok_or(LinkError::Unanswered)?)
     }
 
-    /// Sends a request to the robot and waits for the answer. A refusal is an error; while the robot
-    /// refuses because of a state that passes, the request is repeated, for at most
-    /// [`PASSING_PATIENCE`].
+    /// Sends a request as [`RobotLink::request`] does; while the robot refuses because of a state that passes, it is repeated, for
+    /// at most [`PASSING_PATIENCE`].
+    ///
+    /// # Errors
+    /// When the robot does not answer.
+    fn insist(&mut self, command: Command) -> Result<Outcome, Self::Error> {
+        let (client, now) = self.operate();
+        let request = client.insist(now, command, PASSING_PATIENCE);
+        self.answer(request)
+    }
+
+    /// Sends a request as [`RobotLink::insist`] does. A refusal is an error.
     ///
     /// # Errors
     /// When the robot refuses or does not answer.
     fn ask(&mut self, command: Command) -> Result<Outcome, Self::Error> {
-        let (client, now) = self.operate();
-        let request = client.insist(now, command, PASSING_PATIENCE);
-        match self.answer(request)? {
-            Outcome::Refused(Refusal::Stopped) => Err(self.why_stopped()?.into()),
-            Outcome::Refused(refusal) => Err(LinkError::Refused(refusal).into()),
+        match self.insist(command)? {
+            Outcome::Refused(refusal) => self.refused(refusal),
             outcome => Ok(outcome),
         }
     }
 
-    /// Returns the refusal of a stopped robot as an error that names who stopped it, as soon as telemetry states that.
+    /// Ends with a refusal; that of a stopped robot names who stopped it, as soon as telemetry states that.
     ///
     /// # Errors
-    /// When the session ends.
-    fn why_stopped(&mut self) -> Result<LinkError, Self::Error> {
+    /// Always.
+    fn refused<T>(&mut self, refusal: Refusal) -> Result<T, Self::Error> {
         let stopper = match self.operate().0.stopped_by() {
+            _ if refusal != Refusal::Stopped => None,
             None => self.wait_for(TELEMETRY_LAG, |client, _| client.stopped_by())?,
             known => known,
         };
-        Ok(stopper.map_or(LinkError::Refused(Refusal::Stopped), LinkError::StoppedBy))
+        Err(stopper.map_or(LinkError::Refused(refusal), LinkError::StoppedBy).into())
     }
 
     /// Returns a setting as the robot states it: its value, unit and range, and how it is known.
@@ -227,21 +231,29 @@ pub trait RobotLink {
     /// # Errors
     /// As for [`RobotLink::ask`]; when the robot has none of this name.
     fn parameter(&mut self, name: impl TryInto<Name>) -> Result<Parameter, Self::Error> {
-        match self.ask(Command::Parameter(ParameterCommand::Get(setting_name(name)?)))? {
+        self.ask_setting(ParameterCommand::Get(setting_name(name)?))
+    }
+
+    /// Asks what is answered by a setting.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::ask`].
+    fn ask_setting(&mut self, command: ParameterCommand) -> Result<Parameter, Self::Error> {
+        match self.ask(Command::Parameter(command))? {
             Outcome::Parameter(parameter) => Ok(parameter),
             _ => Err(LinkError::OtherAnswer.into()),
         }
     }
 
-    /// Sets a setting until power-off.
+    /// Sets a setting until power-off, and returns it as the robot took it.
     ///
     /// # Errors
     /// As for [`RobotLink::parameter`]; when the robot refuses the value.
-    fn set(&mut self, name: impl TryInto<Name>, value: f32) -> Result<(), Self::Error> {
-        self.ask(Command::Parameter(ParameterCommand::Set(setting_name(name)?, value))).map(drop)
+    fn set(&mut self, name: impl TryInto<Name>, value: f32) -> Result<Parameter, Self::Error> {
+        self.ask_setting(ParameterCommand::Set(setting_name(name)?, value))
     }
 
-    /// Sets a setting until power-off, and states how its value is known.
+    /// Sets a setting as [`RobotLink::set`] does, and states how its value is known.
     ///
     /// # Errors
     /// As for [`RobotLink::set`].
@@ -250,9 +262,8 @@ pub trait RobotLink {
         name: impl TryInto<Name>,
         value: f32,
         mark: Mark,
-    ) -> Result<(), Self::Error> {
-        self.ask(Command::Parameter(ParameterCommand::Put(setting_name(name)?, value, mark)))
-            .map(drop)
+    ) -> Result<Parameter, Self::Error> {
+        self.ask_setting(ParameterCommand::Put(setting_name(name)?, value, mark))
     }
 
     /// Returns the value of a setting.
@@ -290,7 +301,7 @@ pub trait RobotLink {
             given_up.map(Err)
         })?;
         match ended {
-            Err(LinkError::Refused(Refusal::Stopped)) => Err(self.why_stopped()?.into()),
+            Err(LinkError::Refused(refusal)) => self.refused(refusal),
             ended => Ok(ended?),
         }
     }

@@ -135,7 +135,9 @@ impl Connection {
             true => Some(first),
             false => self.wait_for_telemetry(TELEMETRY_LAG, is_known)?,
         };
-        let Some(Telemetry { halts, .. }) = judged else { return Err(self.why_stopped()?) };
+        let Some(Telemetry { halts, .. }) = judged else {
+            return self.refused(Refusal::Stopped);
+        };
         let deadline = self.now() + CLEAR_PATIENCE;
         loop {
             // Whoever clears a stop of somebody else, or another fault, that came since has to mean it.
@@ -144,7 +146,7 @@ impl Connection {
                     return Err(LinkError::faulted(newest));
                 }
                 if newest.stopped {
-                    return Err(self.why_stopped()?);
+                    return self.refused(Refusal::Stopped);
                 }
             }
             self.ask(Command::Clear)?;
@@ -209,10 +211,6 @@ impl RobotLink for Connection {
             return Err(LinkError::Interrupted);
         }
         self.step(longest)
-    }
-
-    fn refusal(error: &LinkError) -> Option<&Refusal> {
-        error.refusal()
     }
 
     fn no_session(&self, error: ConnectError) -> LinkError {

@@ -574,11 +574,4 @@ impl RobotLink for Rig {
     fn wait(&mut self, _: Duration) -> Result<(), RigError> {
         self.step()
     }
-
-    fn refusal(error: &RigError) -> Option<&Refusal> {
-        match error {
-            RigError::Link(error) => error.refusal(),
-            _ => None,
-        }
-    }
 }

@@ -3,15 +3,15 @@
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
-use flix_host::link::{LinkError, RobotLink};
-use flix_protocol::message::{Command, Outcome, ParameterCommand};
+use flix_host::link::RobotLink;
+use flix_protocol::message::Command;
 use flix_protocol::units::Instant;
 use flix_sim::experiment::walk::Start;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::rig::bench::{bench_key, setpoint};
 use flix_sim::rig::lossy_network::ChannelParameters;
-use flix_sim::rig::operation::Operation;
+use flix_sim::rig::operation::{Operation, OperationError};
 use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -66,22 +66,20 @@ fn failed(error: impl std::fmt::Display) -> PyErr {
     PyRuntimeError::new_err(error.to_string())
 }
 
-fn setting(operation: &mut Operation<Plant>, name: &str, value: Option<f32>) -> PyResult<f64> {
-    let known = name
-        .try_into()
-        .map_err(|_| PyValueError::new_err(format!("no setting is called {name:?}")))?;
-    let command = match value {
-        Some(value) => ParameterCommand::Set(known, value),
-        None => ParameterCommand::Get(known),
-    };
+fn setting(
+    operation: &mut Operation<Plant>,
+    name: &str,
+    value: Option<f32>,
+) -> Result<f64, OperationError> {
     let now = operation.now();
     if !operation.client().is_connected(now) {
-        operation.wait_until_connected().map_err(failed)?;
+        operation.wait_until_connected()?;
     }
-    match operation.ask(Command::Parameter(command)).map_err(failed)? {
-        Outcome::Parameter(parameter) => Ok(f64::from(parameter.value)),
-        _ => Err(failed(LinkError::OtherAnswer)),
-    }
+    let setting = match value {
+        Some(value) => operation.set(name, value)?,
+        None => operation.parameter(name)?,
+    };
+    Ok(setting.value.into())
 }
 
 impl Session {
@@ -151,7 +149,9 @@ impl Session {
                 operation.want(setpoint(f_hz, theta_deg).map_err(refused)?);
                 Ok(None)
             }
-            Call::Setting(name, value) => setting(operation, &name, value).map(Some),
+            Call::Setting(name, value) => {
+                setting(operation, &name, value).map_err(failed).map(Some)
+            }
             Call::Run(_) => Ok(None),
         })
     }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use flix_host::commission::{CommissionError, Commissioned, Known, commission, motor_name};
-use flix_host::link::{ARM_PATIENCE, Client, LinkError, RobotLink, passes};
+use flix_host::link::{ARM_PATIENCE, Client, RobotLink, passes};
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint};
 use flix_protocol::units::Instant;
 use rand::{RngExt as _, SeedableRng as _};
@@ -241,18 +241,13 @@ impl RobotLink for Watched {
         self.operation.wait(longest)
     }
 
-    fn refusal(error: &OperationError) -> Option<&Refusal> {
-        Operation::<Plant>::refusal(error)
-    }
-
-    fn ask(&mut self, command: Command) -> Result<Outcome, OperationError> {
+    fn insist(&mut self, command: Command) -> Result<Outcome, OperationError> {
         let end = self.operation.now() + ARM_PATIENCE;
         loop {
             match self.request(command.clone())? {
                 Outcome::Refused(refusal) if passes(&refusal) && self.operation.now() < end => {
                     self.pause(Duration::from_millis(20))?;
                 }
-                Outcome::Refused(refusal) => return Err(LinkError::Refused(refusal).into()),
                 outcome => return Ok(outcome),
             }
         }

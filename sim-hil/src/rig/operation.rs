@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use flix_host::link::{Client, LinkError, RobotLink};
 use flix_protocol::frame::Frame;
-use flix_protocol::message::Refusal;
 use flix_protocol::session::{Key, StopSession};
 use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
@@ -257,12 +256,5 @@ impl<M: Mechanics> RobotLink for Operation<M> {
 
     fn wait(&mut self, _: Duration) -> Result<(), OperationError> {
         Ok(self.tick()?)
-    }
-
-    fn refusal(error: &OperationError) -> Option<&Refusal> {
-        match error {
-            OperationError::Link(error) => error.refusal(),
-            OperationError::Diverged(_) => None,
-        }
     }
 }

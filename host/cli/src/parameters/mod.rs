@@ -333,7 +333,7 @@ fn import(
         let mut refusal = None;
         for change in std::mem::take(&mut left) {
             match connection.set(change.name.clone(), change.new) {
-                Ok(()) => done.push(change),
+                Ok(_) => done.push(change),
                 Err(error @ LinkError::Refused(_)) => {
                     refusal = Some(error);
                     left.push(change);
