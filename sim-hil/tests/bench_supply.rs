@@ -8,7 +8,7 @@ use flix_protocol::message::{Command, Faults};
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::reliability::commission::CURRENT_LIMIT_A;
-use flix_sim::reliability::commissioned::draw;
+use flix_sim::reliability::commissioned_accuracy::draw;
 use flix_sim::reliability::stranger::{Watched, measured_by_hand, stranger};
 use flix_sim::rig::bench::{BASES, Base, BenchError, Subject, setpoint};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};

@@ -9,7 +9,7 @@ use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::electronics::sensor::as5600;
 use flix_sim::reliability::accuracy::hold_all_directions;
-use flix_sim::reliability::commissioned::draw;
+use flix_sim::reliability::commissioned_accuracy::draw;
 use flix_sim::reliability::stranger::{Watched, measured_by_hand};
 use flix_sim::rig::bench::{BASES, Base, FREQUENCIES, Subject, setpoint};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};

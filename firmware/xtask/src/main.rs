@@ -16,11 +16,11 @@ mod in_memory;
 mod lanes;
 mod marked;
 mod panic_free;
-mod pil;
 mod quick;
 mod run;
 mod setup;
 mod stock;
+mod tick_instructions;
 mod toolchain;
 mod tree;
 mod web;
@@ -71,7 +71,7 @@ enum Task {
     /// Build, flash and show the log (needs espflash and a board).
     Flash(Choice),
     /// Replay a recorded walk on an emulated processor: compare every bit, count instructions.
-    Pil(pil::Args),
+    Pil(tick_instructions::Args),
     /// Run the ESP32-C6 image on an emulated chip with the simulated robot at its pins.
     Emulate(emulate::Args),
     /// Print what images take of flash and memory; fail above the ceilings.
@@ -127,7 +127,7 @@ fn main() -> ExitCode {
             args.elf().and_then(|elf| image::make(args.choice.chip, &elf)).map(drop)
         }
         Task::Flash(Choice { chip, options }) => toolchain::flash(chip, &options),
-        Task::Pil(args) => pil::run(&args),
+        Task::Pil(args) => tick_instructions::run(&args),
         Task::Emulate(args) => emulate::run(&args),
         Task::Size(args) => image::size(&args),
         Task::Web(args) => web::run(&args),

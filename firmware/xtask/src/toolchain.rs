@@ -180,12 +180,12 @@ pub(crate) fn build(chip: Chip, options: &Options) -> Result<PathBuf, Error> {
     Ok(elf)
 }
 
-/// Does so and prints nothing on the standard output.
+/// Builds it as [`build`] does, and prints nothing on the standard output.
 pub(crate) fn build_silently(chip: Chip, options: &Options) -> Result<PathBuf, Error> {
     build_copy(chip, options, &run::root(), &run::target_directory(), &[])
 }
 
-/// Does so in a copy of the repository, with a target folder and cargo's settings (as variables) of its own.
+/// Builds it in a copy of the repository, with a target folder and cargo's settings (as variables) of its own.
 pub(crate) fn build_copy(
     chip: Chip,
     options: &Options,

@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use flix_host::teleop::page::hall::most_crowded;
+use flix_host::teleop::page::connection_limits::most_crowded;
 
 /// Pages that show streams: Foxglove's own and Lichtblick's.
 const VIEWERS: [&str; 4] = [

@@ -35,7 +35,7 @@ const STEADY_ROWS: [usize; 2] = [800, 1_500];
 const ALL_STEADY: [usize; 2] = [usize::MAX, 0];
 const POSITION_BANDWIDTH: &str = "position_bandwidth";
 /// Ramps that count, up and down, and the most there are.
-const RAMPS: f64 = 6.0;
+const LEAST_RAMPS: f64 = 6.0;
 const MOST_RAMPS: f64 = 72.0;
 /// Parts of the ramps, one after the other, of which each shows what current speeds a rotor up.
 const THIRDS: usize = 3;
@@ -419,7 +419,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
             add(ALL_STEADY, &self.turns(&channels, frequency)?);
         }
         let impulse = per_hertz * (fast - slow);
-        let counting = (RAMPS * FULL_IMPULSE / impulse).clamp(RAMPS, MOST_RAMPS / 2.0);
+        let counting = (LEAST_RAMPS * FULL_IMPULSE / impulse).clamp(LEAST_RAMPS, MOST_RAMPS / 2.0);
         // Half of them count where the bus is not measured, and what they show scatters more.
         let ramps = if measures_bus { counting } else { (6.0 * counting).min(MOST_RAMPS) } as usize;
         for count in 0..ramps {

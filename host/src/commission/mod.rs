@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! standing field   what is wired wrongly, by its name                                              wiring
-//! standing field   R, L, dead time, delay of the bridges; sign and balance of the amplifiers      phases
+//! standing field   R, L, dead time, delay of the bridges; sign and balance of the amplifiers      circuit
 //! turning field    pole pairs, direction, which encoder sees it, flux linkage roughly             turning
 //! jumping field    whether a shown ampere speeds a rotor up about as much as it should            swing
 //! alignment        electrical angles and eccentricity of the encoders                             the robot's own
@@ -14,16 +14,16 @@
 //! Every step is bounded by the robot itself: nothing of a motor is assumed until it was measured. Known are the inertia of
 //! the rotors, by their mass, and the bus voltage.
 
+pub mod circuit;
 mod desk;
 mod finding;
 mod least_squares;
-pub mod phases;
 pub mod running;
 mod step;
 pub mod swing;
 mod trials;
-pub mod turned;
-pub mod turning;
+pub mod turning_field;
+pub mod voltage_latency;
 pub mod voltage_mode;
 pub mod wiring;
 
@@ -31,14 +31,14 @@ use std::f64::consts::TAU;
 
 use flix_protocol::message::{Fault, Faults, Setpoint};
 
+use self::circuit::{Circuit, Phases, is_winding};
 use self::desk::Desk;
 pub use self::finding::{Finding, Phase, motor_name};
-use self::phases::{Circuit, Phases, is_winding};
 use self::running::BackEmf;
 use self::step::CURRENT_LIMIT;
 pub use self::step::{CommissionError, Step};
 use self::trials::First;
-use self::turning::Rotor;
+use self::turning_field::Rotor;
 use self::wiring::Stood;
 use crate::link::RobotLink;
 
@@ -127,7 +127,7 @@ const SWING_CURRENT: f64 = 0.9;
 /// Current that rotors which are still turning may drive through shorted windings, A.
 const BRAKING_CURRENT: f64 = 1.0;
 /// Gentlest and steepest ramps, Hz/s.
-const RAMPS: (f64, f64) = (10.0, 300.0);
+const RAMP_SLOPES: (f64, f64) = (10.0, 300.0);
 
 /// Commissions a robot at rest, disarmed, without faults. `step` is called with each step as it begins. What it finds is in force
 /// until power-off, and stored when the settings are saved. On an error the robot is disarmed and has the settings of
@@ -192,7 +192,7 @@ fn measure<S: RobotLink>(
     let (again, _) = desk.stand(Step::Phases, [true; 2], field)?;
     standing.iter_mut().zip(again).for_each(|(standing, again)| standing.extend(again));
     let winding = |motor: usize, scale: f64| {
-        let found = phases::measure(&standing[motor], &bridges, scale);
+        let found = circuit::measure(&standing[motor], &bridges, scale);
         check_winding(motor, found.map(|it| it.of_uneven(uneven[motor])))
     };
     let mut windings = [winding(0, 1.0)?, winding(1, 1.0)?];
@@ -226,7 +226,7 @@ fn measure<S: RobotLink>(
     let limit = CURRENT_LIMIT * scales[0].min(scales[1]).min(1.0);
 
     step(Step::Aligning);
-    let actuation_delay = delay + phases::TICK / 2.0;
+    let actuation_delay = delay + circuit::TICK / 2.0;
     desk.set("pole_pairs", pairs)?;
     desk.set_each("phase_resistance", resistances)?;
     desk.set_each("phase_inductance", windings.map(|it| 1e3 * it.circuit.inductance))?;
@@ -235,7 +235,7 @@ fn measure<S: RobotLink>(
     desk.set("tracker_bandwidth", CAREFUL[0])?;
     let bus = standing[0].bus.min(standing[1].bus);
     let weaker = 1.5 * pairs * flux[0].min(flux[1]);
-    let ramp = (weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMPS.0, RAMPS.1);
+    let ramp = (weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMP_SLOPES.0, RAMP_SLOPES.1);
     let aligning = alignment_current(pairs * flux[0].min(flux[1])).min(limit);
     desk.bound(ramp, aligning, limit)?;
     let runs = Runs {
@@ -422,9 +422,9 @@ const FIRST_SCALES: std::ops::Range<f64> = 0.5..f64::INFINITY;
 const RIGHT: std::ops::Range<f64> = 0.8..1.2;
 /// Ratio of what both motors show over what flows where the amplifiers of one kind are wrong: each may be 20 % off, and friction
 /// adds.
-const LARGEST_RATIO: f64 = 1.7;
+const LARGEST_SCALE_RATIO: f64 = 1.7;
 /// Motors are of one kind: where their resistances differ by more, their amplifiers do.
-const ALIKE: std::ops::Range<f64> = 0.5..2.0;
+const ONE_KIND: std::ops::Range<f64> = 0.5..2.0;
 
 /// Checks what the motors show over what flows, by the resistances that they show, ohm.
 fn check_scales(
@@ -443,7 +443,7 @@ fn check_scales(
     let resistance = (resistances[motor] / resistances[1 - motor]).ln();
     // The other one is hardly better, or off as amplifiers of one kind may be, too.
     let is_as_bad = apart.abs() < scale.ln().abs() / 2.0;
-    let is_off = !RIGHT.contains(&other) && apart.abs() < LARGEST_RATIO.ln();
+    let is_off = !RIGHT.contains(&other) && apart.abs() < LARGEST_SCALE_RATIO.ln();
     Err(if is_as_bad || is_off {
         both
     } else if resistance / apart > 0.5 {
@@ -464,7 +464,7 @@ fn by_other(motor: usize, scales: [Option<f64>; 2], resistances: [f64; 2]) -> Op
 
 /// Returns the scales of two motors of one kind. One that did not turn and has the other's resistance is not doubted.
 fn of_one_kind(scales: [Option<f64>; 2], resistances: [f64; 2]) -> [f64; 2] {
-    let is_alike = ALIKE.contains(&(resistances[0] / resistances[1]));
+    let is_alike = ONE_KIND.contains(&(resistances[0] / resistances[1]));
     [0, 1].map(|motor| {
         let by_other = || by_other(motor, scales, resistances).filter(|_| !is_alike);
         scales[motor].or_else(by_other).unwrap_or(1.0)

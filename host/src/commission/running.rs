@@ -12,8 +12,8 @@
 
 use std::f64::consts::TAU;
 
+use super::circuit::{Circuit, TICK};
 use super::least_squares::solve;
-use super::phases::{Circuit, TICK};
 
 /// Means of one motor that runs steadily, without d current; clockwise positive, as the scope shows them.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,4 +1,4 @@
-//! The steps of commissioning, and why one comes to no end.
+//! The steps of commissioning, and why it ends without a result.
 
 use flix_protocol::message::Faults;
 
@@ -7,7 +7,7 @@ use super::finding::Finding;
 /// Current limit while the amplifiers' scale is hardly known, A: a margin of 30 % below 2 A for what currents overshoot.
 pub(super) const CURRENT_LIMIT: f64 = 1.4;
 
-/// Commissioning came to no end.
+/// Why commissioning ended without a result.
 #[derive(Debug, thiserror::Error)]
 pub enum CommissionError<E> {
     /// The robot did not do as asked.
@@ -55,9 +55,9 @@ pub enum CommissionError<E> {
 pub enum Step {
     /// [`super::wiring`].
     Wiring,
-    /// [`super::phases`].
+    /// [`super::circuit`].
     Phases,
-    /// [`super::turning`], of the top or the bottom motor.
+    /// [`super::turning_field`], of the top or the bottom motor.
     Turning(usize),
     /// Alignment.
     Aligning,

@@ -9,9 +9,9 @@
 //! The amplifiers of another board show another current, a rotor without its mass takes less: a robot that ran by such values
 //! would oscillate. Readings of the angle are late by some time that is searched for.
 
+use super::circuit::TICK;
 use super::least_squares::solve;
-use super::phases::TICK;
-use super::turning::{Rotor, unwrapped};
+use super::turning_field::{Rotor, unwrapped};
 
 /// Ticks either way over which a mean is taken, twice.
 const REACH: usize = 10;

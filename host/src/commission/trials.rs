@@ -5,13 +5,13 @@ use flix_protocol::message::{
     MOST_TRIAL_CURRENT_MA, Outcome, Pattern, Refusal, State, Trial, Trigger,
 };
 
+use super::circuit;
+use super::circuit::{Circuit, Phases, Standing};
 use super::desk::{Columns, Desk, Done, LOOK, LOOKS};
 use super::finding::Finding;
-use super::phases;
-use super::phases::{Circuit, Phases, Standing};
 use super::step::{CommissionError, Step};
 use super::swing::Swing;
-use super::turning::{self, Rotor, Turning};
+use super::turning_field::{self, Rotor, Turning};
 use super::wiring::{ANGLES, Resting, Stood};
 use crate::link::RobotLink;
 
@@ -168,7 +168,7 @@ impl<S: RobotLink> Desk<'_, S> {
             voltage: all[0].clone(),
         };
         let circuit = bridges
-            .and_then(|bridges| phases::measure(&standing, &bridges, 1.0))
+            .and_then(|bridges| circuit::measure(&standing, &bridges, 1.0))
             .map(|found| found.circuit);
         Ok(Stood { own, other, circuit })
     }
@@ -287,12 +287,12 @@ impl<S: RobotLink> Desk<'_, S> {
     fn scale_at(&mut self, motor: usize, current_ma: u16, inertia: f64) -> Done<First, S> {
         let driven = [motor == 0, motor == 1];
         let (standing, bridges) = self.stand(Step::Wiring, driven, current_ma)?;
-        let found = phases::measure(&standing[motor], &bridges, 1.0).filter(phases::is_winding);
+        let found = circuit::measure(&standing[motor], &bridges, 1.0).filter(circuit::is_winding);
         let shown = First { shows: true, ..First::default() };
         let Some(phases) = found else { return Ok(shown) };
         let still = First { circuit: Some(phases.circuit), ..shown };
         let turning = self.turn_at((FIELDS[0].0, current_ma), motor, &phases, &bridges)?;
-        let Ok(rotor) = follows(motor, turning::measure(&turning, &phases.circuit)) else {
+        let Ok(rotor) = follows(motor, turning_field::measure(&turning, &phases.circuit)) else {
             return Ok(still);
         };
         let swing = self.swing(motor, &phases, f64::from(turning.trial.current_ma) / 1e3)?;
@@ -312,7 +312,7 @@ impl<S: RobotLink> Desk<'_, S> {
             let field = (speed, shown_ma(current_ma, scale));
             let turning = self.turn_at(field, motor, phases, bridges)?;
             let current = f64::from(turning.trial.current_ma) / 1e3;
-            match follows(motor, turning::measure(&turning, &phases.circuit)) {
+            match follows(motor, turning_field::measure(&turning, &phases.circuit)) {
                 Ok(rotor) if !rotor.is_unclear() => return Ok((rotor, current)),
                 Ok(rotor) => {
                     let (ratio, slip) = self.turn_on(turning.trial)?;
@@ -326,7 +326,9 @@ impl<S: RobotLink> Desk<'_, S> {
                     }
                     return Ok((rotor, current));
                 }
-                Err(Finding::Blocked(_)) if turning::is_drawn_along(&turning, &phases.circuit) => {
+                Err(Finding::Blocked(_))
+                    if turning_field::is_drawn_along(&turning, &phases.circuit) =>
+                {
                     finding = Finding::EncoderBlind(motor);
                 }
                 Err(Finding::Blocked(_)) => {}
@@ -343,7 +345,7 @@ impl<S: RobotLink> Desk<'_, S> {
         let channel = [Channel::TopAngle, Channel::BottomAngle][motor];
         let trial = Trial { ticks: LONGEST_PATTERN_TICKS, ..trial };
         let (trial, columns) = self.try_gently(motor, trial, &[channel], LONGEST_PATTERN_TICKS)?;
-        turning::ratio(&trial, &columns.of(0))
+        turning_field::ratio(&trial, &columns.of(0))
             .ok_or(CommissionError::Found(Finding::Blocked(motor)))
     }
 

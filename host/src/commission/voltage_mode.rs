@@ -6,10 +6,10 @@ use std::time::Duration;
 use flix_protocol::message::{Bridges, Command, Mark, Outcome};
 
 use super::desk::{Desk, Done};
-use super::turned::{self, Entered, Turned};
+use super::voltage_latency::{self, Entered, Turned};
 use super::{
     CAREFUL, CommissionError, EMF_SHARE, FASTEST_HZ, FIRST_LATENCY, Finding, Known,
-    LONGEST_LATENCY, QUICK, RAMP_CURRENT, RAMPS, SLOW_ELECTRICAL_HZ, Step, alignment_current,
+    LONGEST_LATENCY, QUICK, RAMP_CURRENT, RAMP_SLOPES, SLOW_ELECTRICAL_HZ, Step, alignment_current,
     braked_from, motor_name, position_bandwidth, with_either_loop,
 };
 use crate::link::RobotLink;
@@ -103,7 +103,7 @@ fn find<S: RobotLink>(
 
     step(Step::Aligning);
     let weaker = pairs * motors[0].flux_linkage.min(motors[1].flux_linkage);
-    let ramp = (1.5 * weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMPS.0, STEEPEST);
+    let ramp = (1.5 * weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMP_SLOPES.0, STEEPEST);
     desk.set("tracker_bandwidth", CAREFUL[0])?;
     desk.bound(ramp, alignment_current(weaker), HELD_CURRENT)?;
     let resistive = motors[0].resistance.max(motors[1].resistance) * HELD_CURRENT;
@@ -193,7 +193,8 @@ impl Runs<'_> {
         for (speed, frequency) in [(Step::Slow, slow), (Step::Fast, fastest)] {
             step(speed);
             let omega = TAU * pairs * frequency;
-            let turns = motors.map(|it| turned::turn(&it, omega, TURNED_CURRENT, LARGEST_TURN));
+            let turns =
+                motors.map(|it| voltage_latency::turn(&it, omega, TURNED_CURRENT, LARGEST_TURN));
             for way in [0.0, 1.0, -1.0] {
                 let angles = turns.map(|turn| way * turn);
                 let turned =
@@ -222,8 +223,9 @@ impl Runs<'_> {
             }
             let mut latencies = [0.0; 2];
             for motor in [0, 1] {
-                let found = turned::measure(&motors[motor], &seen[motor], self.bridges, bus)
-                    .ok_or(CommissionError::Found(Finding::OtherMotor(motor)))?;
+                let found =
+                    voltage_latency::measure(&motors[motor], &seen[motor], self.bridges, bus)
+                        .ok_or(CommissionError::Found(Finding::OtherMotor(motor)))?;
                 if found.misfit > LARGEST_MISFIT * omega * flux[motor] {
                     return Err(CommissionError::Found(Finding::OtherMotor(motor)));
                 }

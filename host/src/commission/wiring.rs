@@ -12,9 +12,9 @@
 //! Each amplifier says on its own which phase it shows, and how two of the conductances compare, whatever its gain. A star of
 //! resistances has R_a : R_b : R_c = g_bc : g_ca : g_ab.
 
+use super::circuit::Circuit;
 use super::finding::{Finding, Phase};
-use super::phases::Circuit;
-use super::turning::unwrapped;
+use super::turning_field::unwrapped;
 
 /// Electrical angles of a field along phases A, B and C, 2^-16 turn.
 pub(crate) const ANGLES: [u16; 3] = [0, 0x5555, 0xaaab];
@@ -31,12 +31,12 @@ const NOISE: f64 = 0.013;
 /// And less than this does not compare two resistances, A/V: 4 mA/V of noise are a fifth of it.
 const FAINT: f64 = 0.02;
 /// Largest ratio of the resistances of two phases of a good motor.
-const LARGEST_RATIO: f64 = 1.25;
+const LARGEST_UNEVENNESS: f64 = 1.25;
 /// The same where some fields showed no current that the robot goes on with: they were looked at with less voltage, of which dead
 /// time takes more.
-const LARGEST_FAINT_RATIO: f64 = 2.0;
+const LARGEST_FAINT_UNEVENNESS: f64 = 2.0;
 /// Phases whose resistances differ by less than this are alike: what dead time and noise make of a good motor.
-const ALIKE: f64 = 1.04;
+const EVEN: f64 = 1.04;
 /// Largest ratio of the gains of two amplifiers that are each within 20 %, and some more.
 const LARGEST_GAINS: f64 = 1.72;
 /// Two phases that touch have less than this share of the other motor's inductance.
@@ -143,7 +143,7 @@ pub fn uneven(stood: &[Stood; 3]) -> [f64; 3] {
     let star = star([0, 1].map(|amplifier| stood.map(|it| it.own[amplifier])));
     let [low, high] = [f64::min, f64::max].map(|of| star.into_iter().fold(1.0, of));
     let mean = star.iter().sum::<f64>() / 3.0;
-    if high / low < ALIKE { [1.0; 3] } else { star.map(|resistance| resistance / mean) }
+    if high / low < EVEN { [1.0; 3] } else { star.map(|resistance| resistance / mean) }
 }
 
 /// Returns the resistances of phases A, B and C over that of C, from what amplifiers A and B showed along A, B and C.
@@ -265,7 +265,7 @@ impl Motor<'_> {
         let [low, middle, high] = order;
         let (above, below) = (star[high] / star[middle], star[low] / star[middle]);
         let found = self.stood.iter().filter(|it| it.circuit.is_some()).count();
-        let largest = if found % 3 == 0 { LARGEST_RATIO } else { LARGEST_FAINT_RATIO };
+        let largest = if found % 3 == 0 { LARGEST_UNEVENNESS } else { LARGEST_FAINT_UNEVENNESS };
         if star[high] / star[low] < largest {
             return Ok(());
         }

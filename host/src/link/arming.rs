@@ -3,7 +3,7 @@
 use flix_protocol::message::{Command, Outcome, Refusal, State, Telemetry};
 use flix_protocol::units::Instant;
 
-use super::{Client, LinkError, TELEMETRY_LAG, TRY_AGAIN, Update, passes};
+use super::{Client, LinkError, TELEMETRY_LAG, TRY_AGAIN, Update, passes_by_itself};
 
 /// How often a robot is armed again whose motors coast because commands stayed away while it aligned them.
 const MOST_ARMINGS: u32 = 3;
@@ -107,7 +107,7 @@ impl Arming {
         let until = match refusal {
             // By whom it is stopped comes with telemetry.
             Refusal::Stopped if client.telemetry().is_none() => now + TRY_AGAIN,
-            refusal if passes(refusal) => now + TRY_AGAIN,
+            refusal if passes_by_itself(refusal) => now + TRY_AGAIN,
             Refusal::Rested if self.again < MOST_ARMINGS => {
                 self.again += 1;
                 if client.halts() == self.halts { now + TELEMETRY_LAG } else { now }

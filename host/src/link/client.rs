@@ -1,4 +1,4 @@
-//! The client without a clock or a socket.
+//! The client without a clock or a socket: opens a session, repeats what is not answered, and takes a lost link up again.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -17,7 +17,7 @@ use flix_protocol::units::Instant;
 use super::statistics::Statistics;
 use super::{
     DISARMED_AFTER, KEEP_ALIVE, LAST_ANSWER, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE,
-    STOP_BESIDE_AFTER, STOP_RETRY, TRY_AGAIN, passes,
+    STOP_BESIDE_AFTER, STOP_RETRY, TRY_AGAIN, passes_by_itself,
 };
 
 /// Numbers of requests that are remembered: more than are asked while an answer is under way.
@@ -89,7 +89,7 @@ struct Pending {
 impl Pending {
     /// Returns whether it goes on although the robot refused it; `is_told`: by whom it is stopped.
     fn outlives(&mut self, now: Instant, refusal: &Refusal, is_told: bool) -> bool {
-        let passes = passes(refusal) || *refusal == Refusal::Stopped && !is_told;
+        let passes = passes_by_itself(refusal) || *refusal == Refusal::Stopped && !is_told;
         let insists_until = self.insists_until.filter(|_| passes);
         if matches!(refusal, Refusal::Late { .. }) && now < self.give_up_at {
             // With a newer echo.
@@ -260,9 +260,9 @@ impl Client {
         self.insist(now, command, Duration::ZERO)
     }
 
-    /// Does the same, and asks again every [`TRY_AGAIN`] while the robot refuses for a state that [passes](super::passes), for
-    /// at most `patience`. A stop of which the robot has not said yet by whom it is passes, too. What was asked for before the
-    /// robot [halted](Client::halts) is given up.
+    /// Sends it as [`Client::request`] does, and asks again every [`TRY_AGAIN`] while the robot refuses for a state that
+    /// [passes](super::passes_by_itself), for at most `patience`. A stop of which the robot has not said yet by whom it is
+    /// passes, too. What was asked for before the robot [halted](Client::halts) is given up.
     pub fn insist(&mut self, now: Instant, command: Command, patience: Duration) -> u32 {
         if matches!(command, Command::Clear) && self.stop == StopState::Acknowledged {
             self.stop = StopState::None;

@@ -26,6 +26,7 @@
 //! *Unanswered*: no reply within [`ANSWER_TIME`]; either direction may have lost it.
 
 mod arming;
+mod as_commanded;
 mod client;
 #[cfg(not(target_family = "wasm"))]
 pub mod discovery;
@@ -33,7 +34,6 @@ mod error;
 pub mod explain;
 #[cfg(not(target_family = "wasm"))]
 pub mod keys;
-mod reached;
 mod robot_link;
 #[cfg(not(target_family = "wasm"))]
 pub mod serial;
@@ -42,9 +42,9 @@ pub mod statistics;
 pub mod udp;
 
 pub use arming::Arming;
+pub use as_commanded::{errors, is_reached, line_difference};
 pub use client::{Client, StopState, Update};
 pub use error::LinkError;
-pub use reached::{errors, is_reached, line_difference};
 pub use robot_link::RobotLink;
 #[cfg(not(target_family = "wasm"))]
 pub use udp::transient;
@@ -91,6 +91,6 @@ pub const REVOKED_PATIENCE: Duration = HINT_PATIENCE.saturating_add(Duration::fr
 
 /// Returns whether a refusal passes by itself, so that the same request succeeds some time later.
 #[must_use]
-pub const fn passes(refusal: &Refusal) -> bool {
+pub const fn passes_by_itself(refusal: &Refusal) -> bool {
     matches!(refusal, Refusal::LinkUnproven | Refusal::State(State::Aligning | State::Stopping))
 }

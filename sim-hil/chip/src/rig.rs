@@ -145,7 +145,7 @@ impl Rig {
         rig
     }
 
-    /// Does so with a flash that was used before, and a radio that is ready at once.
+    /// Creates one as [`Rig::new`] does, with a flash that was used before and a radio that is ready at once.
     #[must_use]
     pub fn with_flash(image: Image, encoder: EncoderKind, seed: u64, flash: Flash) -> Self {
         let chip = Chip::with_flash(image, Robot::new(encoder, seed), flash, seed);
@@ -486,7 +486,7 @@ impl Rig {
         self.provision_anew()
     }
 
-    /// Does so with one that may have been provisioned before.
+    /// Provisions it as [`Rig::provision`] does, where it may have been provisioned before.
     ///
     /// # Errors
     /// As [`Rig::provision`].

@@ -5,7 +5,7 @@ use std::sync::mpsc::channel;
 use std::thread::{self, JoinHandle};
 
 use flix_cli::by_hand::drive::{Drive, Extras};
-use flix_cli::cockpit::desk;
+use flix_cli::cockpit::drive_loop;
 use flix_cli::cockpit::server::Server;
 use flix_host::link::RobotLink;
 use flix_host::link::udp::Connection;
@@ -35,7 +35,7 @@ impl Cockpit {
             sender.send(server.urls().remove(0)).expect("the page waits");
             let mut extras = Extras::default();
             let mut drive = Drive::new(&mut connection, "simulated", &mut extras);
-            desk::run(&mut drive, &server, &ends).expect("loopback");
+            drive_loop::run(&mut drive, &server, &ends).expect("loopback");
         });
         Self { url: served.recv().expect("it serves"), interrupt, thread }
     }

@@ -13,7 +13,7 @@ use flix_sim::reliability::accuracy::{
     ACROSS_LIMIT, Accuracy, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, HoldResult,
     RUNS, SETTLE_LIMIT_S, measure,
 };
-use flix_sim::reliability::commissioned;
+use flix_sim::reliability::commissioned_accuracy;
 use flix_sim::rig::bench::{BASES, Subject};
 use flix_study::figure::over_charge;
 use flix_study::headroom::{CEILING_SHARE, HEADROOM_V, Headroom, judge};
@@ -53,7 +53,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if let Some(robots) = args.robots {
         let bar = progress(2 * robots as u64, "commissioning and measuring");
         let measured =
-            commissioned::measure(robots, args.first_seed, || bar.inc(1)).and_then(judge);
+            commissioned_accuracy::measure(robots, args.first_seed, || bar.inc(1)).and_then(judge);
         bar.finish_and_clear();
         if let (Some(folder), Ok(measured)) = (&args.out, &measured) {
             over_charge(measured).write(folder, "headroom")?;

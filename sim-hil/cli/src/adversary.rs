@@ -89,7 +89,7 @@ fn text(verdict: &Verdict) -> String {
         ],
         row!["answers of mDNS a second", verdict.discovery_answers_per_s, DISCOVERY_LIMIT_PER_S],
         row!["failures while keys are renewed", verdict.renewal_failures, 0],
-        row!["failures at the operator's end, cable and door", verdict.siege_failures, 0],
+        row!["failures at the operator's end, cable and server", verdict.siege_failures, 0],
         row![
             "recorded sessions that a key learnt later opens",
             if verdict.forward_secret { "none" } else { "some" },

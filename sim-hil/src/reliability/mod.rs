@@ -4,11 +4,11 @@
 pub mod accuracy;
 #[cfg(not(target_family = "wasm"))]
 pub mod adversary;
-pub mod case;
 #[cfg(not(target_family = "wasm"))]
 pub mod commission;
 #[cfg(not(target_family = "wasm"))]
-pub mod commissioned;
+pub mod commissioned_accuracy;
+pub mod fault_case;
 #[cfg(not(target_family = "wasm"))]
 pub mod fault_matrix;
 #[cfg(not(target_family = "wasm"))]

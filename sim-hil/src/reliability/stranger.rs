@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use flix_host::commission::{CommissionError, Commissioned, Known, commission, motor_name};
-use flix_host::link::{ARM_PATIENCE, Client, RobotLink, passes};
+use flix_host::link::{ARM_PATIENCE, Client, RobotLink, passes_by_itself};
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint};
 use flix_protocol::units::Instant;
 use rand::{RngExt as _, SeedableRng as _};
@@ -162,7 +162,7 @@ impl Watched {
         Self::power_up_with(model, seed, None)
     }
 
-    /// Does the same with a robot that is wired wrongly.
+    /// Powers up, as [`Watched::power_up`] does, one that is wired wrongly.
     ///
     /// # Errors
     /// When it cannot be built or connected to.
@@ -245,7 +245,9 @@ impl RobotLink for Watched {
         let end = self.operation.now() + ARM_PATIENCE;
         loop {
             match self.request(command.clone())? {
-                Outcome::Refused(refusal) if passes(&refusal) && self.operation.now() < end => {
+                Outcome::Refused(refusal)
+                    if passes_by_itself(&refusal) && self.operation.now() < end =>
+                {
                     self.pause(Duration::from_millis(20))?;
                 }
                 outcome => return Ok(outcome),

@@ -146,7 +146,7 @@ pub fn play<Scenario: Future>(
     play_with(fixed(ROBOT), name, station, tick, scenario)
 }
 
-/// Does the same with a robot that has its address by this configuration.
+/// Plays it as [`play`] does, with a robot that has its address by this configuration.
 pub fn play_with<Scenario: Future>(
     robot: Config,
     name: &str,

@@ -6,7 +6,7 @@ use flix_host::nav::Twist;
 use flix_plot::{
     Chart, Colour, Figure, HeatMap, HeatMaps, Panel, PlotError, Series, Stroke, Written, colour,
 };
-use flix_sim::reliability::commissioned::Kept;
+use flix_sim::reliability::commissioned_accuracy::Kept;
 
 use super::Table;
 use super::actuation::CYCLES;

@@ -15,7 +15,7 @@ use core::f64::consts::TAU;
 
 use flix_sim::model::{Base as Joint, RobotModel};
 use flix_sim::plant::electronics::motor::MotorParameters;
-use flix_sim::reliability::commissioned::{self, Count, Kept, Promises, Run};
+use flix_sim::reliability::commissioned_accuracy::{self, Count, Kept, Promises, Run};
 use flix_sim::rig::bench::{BASES, Base, BenchError, FREQUENCIES, Subject};
 use serde::Serialize;
 
@@ -24,7 +24,7 @@ const VOLTAGE_SHARE: f64 = 0.6;
 /// Share of the current limit that the firmware's references use.
 const CURRENT_SHARE: f64 = 0.85;
 /// The firmware's current limit as a new robot has it, A.
-const CURRENT_LIMIT_A: f64 = commissioned::CURRENT_LIMIT_A;
+const CURRENT_LIMIT_A: f64 = commissioned_accuracy::CURRENT_LIMIT_A;
 /// Steps of weakening current that are tried, A.
 const WEAKENING_STEP_A: f64 = 0.02;
 /// The ceiling is found to within this, Hz.
@@ -198,8 +198,8 @@ pub struct Board {
 
 impl Board {
     fn of(count: Count, measures_current: bool) -> Result<Self, BenchError> {
-        let judged = |robot: commissioned::Robot| {
-            let model = commissioned::draw(robot.seed, measures_current);
+        let judged = |robot: commissioned_accuracy::Robot| {
+            let model = commissioned_accuracy::draw(robot.seed, measures_current);
             let bounds = BASES.map(|base| Ok((base, bound(&model, base, robot.seed)?)));
             let bounds: Vec<(Base, Bound)> =
                 bounds.into_iter().collect::<Result<_, BenchError>>()?;
@@ -289,7 +289,7 @@ mod tests {
     use super::*;
 
     fn robot(base: Base) -> Robot {
-        let mut model = commissioned::draw(1, true);
+        let mut model = commissioned_accuracy::draw(1, true);
         model.electrical = RobotModel::named(base.model()).unwrap().electrical;
         Robot::of(&model, base, 1).unwrap()
     }
@@ -332,7 +332,12 @@ mod tests {
     fn a_robot_that_broke_a_promise_in_silence_fails_all_and_one_that_held_does_not() {
         let count = |kept| {
             let broken = Vec::new();
-            Count::of(vec![commissioned::Robot { seed: 1, kept, broken, largest_current_a: 1.0 }])
+            Count::of(vec![commissioned_accuracy::Robot {
+                seed: 1,
+                kept,
+                broken,
+                largest_current_a: 1.0,
+            }])
         };
         for (kept, passes) in [(Kept::Held, true), (Kept::Silent, false), (Kept::Misnamed, false)] {
             let promises =

@@ -1,7 +1,7 @@
 //! What robots keep once they are commissioned.
 
 use flix_sim::reliability::commission::CURRENT_LIMIT_A;
-use flix_sim::reliability::commissioned;
+use flix_sim::reliability::commissioned_accuracy;
 
 #[test]
 fn commissioned_robots_keep_every_promise_or_say_why_not() {

@@ -1,8 +1,8 @@
 //! `flix cockpit`: drives in the browser.
 
-pub mod desk;
-mod door;
+pub mod drive_loop;
 pub mod guard;
+mod listener;
 pub mod server;
 
 use std::net::SocketAddr;
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         if let Some(picture) = urls.first().filter(|_| server.is_public()).and_then(|it| qr(it)) {
             print(&format!("{picture}\n"))?;
         }
-        Ok(desk::run(drive, &server, interrupt)?)
+        Ok(drive_loop::run(drive, &server, interrupt)?)
     })
 }
 

@@ -22,8 +22,8 @@ use futures_util::{SinkExt as _, StreamExt as _};
 use tokio::sync::{Semaphore, watch};
 use tokio::time::timeout;
 
-use super::door::{self, Visitor};
 use super::guard::{Guard, Refusal, hexadecimal};
+use super::listener::{self, Visitor};
 use crate::by_hand::drive::Gone;
 use flix_host::teleop::page::html::Page;
 use flix_host::teleop::page::message::Message;
@@ -118,7 +118,7 @@ impl Server {
             runtime.block_on(async {
                 let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
                 tokio::select! {
-                    never = door::serve(listener, |visitor| shared.pages(visitor)) => match never {},
+                    never = listener::serve(listener, |visitor| shared.pages(visitor)) => match never {},
                     () = async { while closed.changed().await.is_ok() {} } => {}
                 }
             });

@@ -1,9 +1,9 @@
 //! Driving by hand in a browser, from this computer or a phone.
 //!
 //! Pure parts: [`message`] checks what a page says, [`pages`] decides which page drives and when its operator is silent,
-//! [`snapshot`] is what all pages see, [`hall`] decides who may wait for a page. `flix-cli` owns the sockets and the loop, and
-//! decides who may ask at all. The
-//! robot's side is that of the terminal: [`teleop::Cockpit`](crate::teleop::Cockpit).
+//! [`snapshot`] is what all pages see, [`connection_limits`] decides who may wait for a page. `flix-cli` owns the sockets and the
+//! loop, and decides who may ask at all. The robot's side is that of the terminal:
+//! [`teleop::Cockpit`](crate::teleop::Cockpit).
 //!
 //! # Freshness
 //!
@@ -16,7 +16,7 @@
 //! slow connection shows fewer pictures, and none that is old. What is old all the same says so. A stop has arrived when
 //! a snapshot states its press; until then the page says that it may not have, and asks again by another connection.
 
-pub mod hall;
+pub mod connection_limits;
 pub mod html;
 pub mod message;
 pub mod pages;

@@ -1,7 +1,7 @@
 //! Somebody on the network who sees everything, holds back and sends anything from any address, and does not have the
 //! key: what he makes up ([`FORGERIES`]), what he does to genuine datagrams ([`HOLD_UPS`]) and to the renewal of keys
 //! ([`RENEWALS`]), what he puts on the wire beside them ([`INTRUSIONS`]), poses in the name of the motion capture, what he does
-//! at the operator's end, the cable and the cockpit's door ([`SIEGES`]), any bytes, and what he recorded, should he learn the key
+//! at the operator's end, the cable and the cockpit's server ([`SIEGES`]), any bytes, and what he recorded, should he learn the key
 //! later.
 
 mod attacker;

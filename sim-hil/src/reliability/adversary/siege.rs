@@ -1,4 +1,4 @@
-//! What is attacked beside a session that stands: the operator's end, stops, the cable, the cockpit's door, and the moment in
+//! What is attacked beside a session that stands: the operator's end, stops, the cable, the cockpit's server, and the moment in
 //! which a silent network speaks again. Each of [`SIEGES`] runs by itself, and counts its failures.
 
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -7,7 +7,7 @@ use std::time::Duration;
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::provision::Provisioner;
 use flix_host::link::RobotLink;
-use flix_host::teleop::page::hall::{Hall, PATIENCE};
+use flix_host::teleop::page::connection_limits::{PATIENCE, Visitors};
 use flix_protocol::failsafe::LINK_LOST;
 use flix_protocol::frame::{HEAD, Nonce};
 use flix_protocol::message::{Command, OperatorName, Outcome, Reply, State, ToOperator, ToRobot};
@@ -178,7 +178,7 @@ impl Siege {
         let here = IpAddr::V4(Ipv4Addr::LOCALHOST);
         // Behind one address a page has the time of 64 sockets to say its first word.
         let rate: u64 = if is_beside { 600 } else { 20_000 };
-        let mut hall = Hall::default();
+        let mut visitors = Visitors::default();
         let mut waiting: Vec<(u64, Duration)> = Vec::new();
         let mut pages: Vec<(u64, Duration)> = Vec::new();
         let says_after = Duration::from_millis(self.random.random_range(1..80));
@@ -189,7 +189,7 @@ impl Siege {
                 let elsewhere = Ipv4Addr::new(10, 0, 0, self.random.random_range(1..4));
                 self.account.sent += 1;
                 let from = if is_beside { here } else { elsewhere.into() };
-                let Some((number, turned_out)) = hall.admit(from) else { continue };
+                let Some((number, turned_out)) = visitors.admit(from) else { continue };
                 waiting.push((number, now));
                 let lost = pages.iter().any(|page| Some(page.0) == turned_out);
                 self.fails(lost);
@@ -197,18 +197,18 @@ impl Siege {
                 pages.retain(|it| Some(it.0) != turned_out);
             }
             if millisecond.is_multiple_of(100) {
-                match hall.admit(here) {
+                match visitors.admit(here) {
                     Some((number, _)) => pages.push((number, now)),
                     None => self.fails(true),
                 }
             }
             for (number, _) in pages.extract_if(.., |it| now >= it.1 + says_after) {
-                hall.welcome(number);
-                self.fails(!hall.is_guest(number));
-                hall.leave(number);
+                visitors.welcome(number);
+                self.fails(!visitors.is_guest(number));
+                visitors.leave(number);
             }
             for (number, _) in waiting.extract_if(.., |it| now >= it.1 + PATIENCE) {
-                hall.leave(number);
+                visitors.leave(number);
             }
         }
     }

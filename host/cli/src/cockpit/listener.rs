@@ -1,4 +1,4 @@
-//! The door of the server: takes in who comes, and turns out whom the [hall](flix_host::teleop::page::hall) does not bear.
+//! Takes in who connects to the server, within the [limits of connections](flix_host::teleop::page::connection_limits).
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
-use flix_host::teleop::page::hall::{DELIVERY, Hall, Number, PATIENCE};
+use flix_host::teleop::page::connection_limits::{DELIVERY, Number, PATIENCE, Visitors};
 use hyper::server::conn::http1;
 use hyper_util::rt::TokioIo;
 use hyper_util::service::TowerToHyperService;
@@ -21,11 +21,11 @@ const PAUSE: Duration = Duration::from_millis(10);
 
 /// All who are here, and how each is asked to leave.
 #[derive(Debug, Clone, Default)]
-struct Door(Arc<Mutex<Here>>);
+struct Connections(Arc<Mutex<Here>>);
 
 #[derive(Debug, Default)]
 struct Here {
-    hall: Hall,
+    visitors: Visitors,
     turned_out: BTreeMap<Number, Arc<Notify>>,
 }
 
@@ -37,10 +37,10 @@ pub struct Visitor(Arc<Visit>);
 struct Visit {
     number: Number,
     turned_out: Arc<Notify>,
-    door: Door,
+    connections: Connections,
 }
 
-impl Door {
+impl Connections {
     fn here<T>(&self, act: impl FnOnce(&mut Here) -> T) -> T {
         // What a panic left is as whole as what it found: each change is one step.
         act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
@@ -50,12 +50,12 @@ impl Door {
     fn admit(&self, address: IpAddr) -> Option<Visitor> {
         let turned_out = Arc::new(Notify::new());
         let number = self.here(|here| {
-            let (number, leaves) = here.hall.admit(address)?;
+            let (number, leaves) = here.visitors.admit(address)?;
             here.ask_to_leave(leaves);
             here.turned_out.insert(number, Arc::clone(&turned_out));
             Some(number)
         })?;
-        Some(Visitor(Arc::new(Visit { number, turned_out, door: self.clone() })))
+        Some(Visitor(Arc::new(Visit { number, turned_out, connections: self.clone() })))
     }
 }
 
@@ -70,7 +70,7 @@ impl Here {
 impl Visitor {
     /// Takes that it has shown the token: from now on nobody else turns it out.
     pub fn welcome(&self) {
-        self.0.door.here(|here| here.hall.welcome(self.0.number));
+        self.0.connections.here(|here| here.visitors.welcome(self.0.number));
     }
 
     /// Waits until it must leave.
@@ -79,7 +79,7 @@ impl Visitor {
             () = self.0.turned_out.notified() => return,
             () = sleep(PATIENCE) => {}
         }
-        if self.0.door.here(|here| here.hall.is_guest(self.0.number)) {
+        if self.0.connections.here(|here| here.visitors.is_guest(self.0.number)) {
             sleep(DELIVERY).await;
         }
     }
@@ -99,8 +99,8 @@ impl Visitor {
 
 impl Drop for Visit {
     fn drop(&mut self) {
-        self.door.here(|here| {
-            here.hall.leave(self.number);
+        self.connections.here(|here| {
+            here.visitors.leave(self.number);
             here.turned_out.remove(&self.number);
         });
     }
@@ -108,11 +108,11 @@ impl Drop for Visit {
 
 /// Serves these pages to whoever comes to a listener, for as long as the program runs.
 pub async fn serve(listener: TcpListener, pages: impl Fn(Visitor) -> Router) -> Infallible {
-    let door = Door::default();
+    let connections = Connections::default();
     loop {
         match listener.accept().await {
             Ok((socket, address)) => {
-                if let Some(visitor) = door.admit(address.ip()) {
+                if let Some(visitor) = connections.admit(address.ip()) {
                     // What it does not take is sent a little later.
                     let _ = socket.set_nodelay(true);
                     let pages = pages(visitor.clone());
@@ -121,8 +121,8 @@ pub async fn serve(listener: TcpListener, pages: impl Fn(Visitor) -> Router) -> 
             }
             Err(error) if is_of_one_socket(&error) => {}
             Err(_) => {
-                door.here(|here| {
-                    let leaves = here.hall.turn_out();
+                connections.here(|here| {
+                    let leaves = here.visitors.turn_out();
                     here.ask_to_leave(leaves);
                 });
                 sleep(PAUSE).await;
@@ -145,7 +145,7 @@ mod tests {
 
     use axum::extract::State;
     use axum::routing::get;
-    use flix_host::teleop::page::hall::{MOST_GUESTS, MOST_STRANGERS};
+    use flix_host::teleop::page::connection_limits::{MOST_GUESTS, MOST_STRANGERS};
     use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
     use tokio::time::Instant;
 

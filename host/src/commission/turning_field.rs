@@ -11,8 +11,8 @@ use std::f64::consts::TAU;
 
 use flix_protocol::message::Trial;
 
+use super::circuit::{Circuit, TICK};
 use super::least_squares::solve;
-use super::phases::{Circuit, TICK};
 
 /// Least flux linkage of magnets, Wb, besides this share of what the current makes: so much is left of it by what is not known
 /// of the circuit.

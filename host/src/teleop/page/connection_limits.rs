@@ -1,4 +1,4 @@
-//! Who may wait at the door of the cockpit's server, and for how long.
+//! Limits of connections to the cockpit's server: who may wait for a page, and for how long.
 //!
 //! Whoever has not shown the token is a stranger. A page shows it in its first datagram, so a stranger gets little time
 //! ([`PATIENCE`]), and few may wait at once ([`MOST_STRANGERS`]): one more turns out the one who has waited longest, of those
@@ -24,15 +24,15 @@ pub type Number = u64;
 
 /// All who have come in, in the order in which they came.
 #[derive(Debug, Clone, Default)]
-pub struct Hall {
+pub struct Visitors {
     came: Number,
     strangers: Vec<(Number, IpAddr)>,
     guests: Vec<Number>,
 }
 
-impl Hall {
+impl Visitors {
     /// Takes in a stranger behind this address: returns his number, and who is turned out for him. `None` where nobody can
-    /// be taken in, as those that have shown the token fill the hall.
+    /// be taken in, as those that have shown the token fill it.
     pub fn admit(&mut self, address: IpAddr) -> Option<(Number, Option<Number>)> {
         if self.guests.len() >= MOST_GUESTS {
             return None;
@@ -107,17 +107,17 @@ mod tests {
 
     #[test]
     fn one_stranger_more_turns_out_who_has_waited_longest_behind_the_most_crowded_address() {
-        let mut hall = Hall::default();
-        let (far, _) = hall.admit(FAR).unwrap();
-        let (first, _) = hall.admit(NEAR).unwrap();
+        let mut visitors = Visitors::default();
+        let (far, _) = visitors.admit(FAR).unwrap();
+        let (first, _) = visitors.admit(NEAR).unwrap();
         for _ in 0..MOST_STRANGERS - 2 {
-            assert_eq!(hall.admit(NEAR).unwrap().1, None);
+            assert_eq!(visitors.admit(NEAR).unwrap().1, None);
         }
-        assert_eq!(hall.admit(NEAR).unwrap().1, Some(first));
-        assert_eq!(hall.admit(FAR).unwrap().1, Some(first + 1));
-        assert_eq!(hall.count(), [MOST_STRANGERS, 0]);
-        hall.welcome(far);
-        assert!(hall.is_guest(far), "the other address is never turned out");
+        assert_eq!(visitors.admit(NEAR).unwrap().1, Some(first));
+        assert_eq!(visitors.admit(FAR).unwrap().1, Some(first + 1));
+        assert_eq!(visitors.count(), [MOST_STRANGERS, 0]);
+        visitors.welcome(far);
+        assert!(visitors.is_guest(far), "the other address is never turned out");
     }
 
     #[test]
@@ -127,14 +127,14 @@ mod tests {
             ("2001:db8:0:1::7", "2001:db8:0:2::"),
             ("::ffff:192.168.1.7", "::ffff:10.0.0."),
         ] {
-            let mut hall = Hall::default();
+            let mut visitors = Visitors::default();
             let own: IpAddr = own.parse().unwrap();
-            let (page, _) = hall.admit(own).unwrap();
+            let (page, _) = visitors.admit(own).unwrap();
             // What a browser opens beside it.
-            hall.admit(own).unwrap();
+            visitors.admit(own).unwrap();
             for number in 1..=250 {
                 let other = format!("{of_network}{number}").parse().unwrap();
-                let (_, turned_out) = hall.admit(other).unwrap();
+                let (_, turned_out) = visitors.admit(other).unwrap();
                 assert!(turned_out != Some(page) && turned_out != Some(page + 1), "{own}");
             }
         }
@@ -142,41 +142,41 @@ mod tests {
 
     #[test]
     fn one_address_turns_out_nobody_else_of_its_network() {
-        let mut hall = Hall::default();
-        let (page, _) = hall.admit(FAR).unwrap();
+        let mut visitors = Visitors::default();
+        let (page, _) = visitors.admit(FAR).unwrap();
         for _ in 0..3 * MOST_STRANGERS {
-            let (_, turned_out) = hall.admit(Ipv4Addr::new(192, 168, 1, 8).into()).unwrap();
+            let (_, turned_out) = visitors.admit(Ipv4Addr::new(192, 168, 1, 8).into()).unwrap();
             assert_ne!(turned_out, Some(page));
         }
     }
 
     #[test]
     fn whoever_has_shown_the_token_is_not_turned_out() {
-        let mut hall = Hall::default();
-        let (driver, _) = hall.admit(NEAR).unwrap();
-        hall.welcome(driver);
-        hall.welcome(driver);
+        let mut visitors = Visitors::default();
+        let (driver, _) = visitors.admit(NEAR).unwrap();
+        visitors.welcome(driver);
+        visitors.welcome(driver);
         for _ in 0..3 * MOST_STRANGERS {
-            let (_, turned_out) = hall.admit(NEAR).unwrap();
+            let (_, turned_out) = visitors.admit(NEAR).unwrap();
             assert_ne!(turned_out, Some(driver));
         }
-        assert_eq!((hall.count(), hall.is_guest(driver)), ([MOST_STRANGERS, 1], true));
-        hall.leave(driver);
-        assert!(!hall.is_guest(driver));
+        assert_eq!((visitors.count(), visitors.is_guest(driver)), ([MOST_STRANGERS, 1], true));
+        visitors.leave(driver);
+        assert!(!visitors.is_guest(driver));
     }
 
     #[test]
     fn those_that_show_the_token_are_counted_too() {
-        let mut hall = Hall::default();
+        let mut visitors = Visitors::default();
         for _ in 0..MOST_GUESTS {
-            let (number, _) = hall.admit(NEAR).unwrap();
-            hall.welcome(number);
+            let (number, _) = visitors.admit(NEAR).unwrap();
+            visitors.welcome(number);
         }
-        assert!(hall.admit(NEAR).is_none());
+        assert!(visitors.admit(NEAR).is_none());
         // One that has left does not come back as a guest.
-        hall.leave(1);
-        hall.welcome(1);
-        assert_eq!(hall.count(), [0, MOST_GUESTS - 1]);
-        assert!(hall.admit(NEAR).is_some());
+        visitors.leave(1);
+        visitors.welcome(1);
+        assert_eq!(visitors.count(), [0, MOST_GUESTS - 1]);
+        assert!(visitors.admit(NEAR).is_some());
     }
 }
