@@ -1,4 +1,4 @@
-//! Voltage headroom: what an ideal drive could hold of the robots that [`commissioned`] draws, and what these robots hold.
+//! Voltage headroom: what an ideal drive could hold of the robots that [`commissioned_accuracy`] draws, and what these robots hold.
 //!
 //! In the frame of a rotor that turns with the electrical speed `w`, at a constant current `(-i_w, i_q)`, a motor takes
 //!
