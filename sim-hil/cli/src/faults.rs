@@ -6,7 +6,7 @@ use flix_shell::number::whole;
 
 use super::error::Error;
 use super::output::{headings, mark, print_verdict, progress, row, table};
-use flix_sim::reliability::fault_case::{CASES, Case};
+use flix_sim::reliability::fault_cases::{CASES, Case};
 use flix_sim::reliability::fault_matrix::{
     CELLS_OF_A_CASE, Cell, Matrix, Outcome, REST_LIMIT_S, measure,
 };

@@ -18,7 +18,7 @@ use serde::Serialize;
 use crate::experiment::metrics::{HoldMeter, line_error};
 use crate::plant::Plant;
 use crate::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
-use crate::reliability::fault_case::{CASES, Case, Cause, Promise, WIFI};
+use crate::reliability::fault_cases::{CASES, Case, Cause, Promise, WIFI};
 use crate::rig::bench::{BASES, Base, BenchError, bench_of_board, learnt, setpoint};
 use crate::rig::hardware_fault::{HardwareFault, Injected};
 use crate::rig::lossy_network::ChannelParameters;

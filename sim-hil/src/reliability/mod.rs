@@ -8,7 +8,7 @@ pub mod adversary;
 pub mod commission;
 #[cfg(not(target_family = "wasm"))]
 pub mod commissioned_accuracy;
-pub mod fault_case;
+pub mod fault_cases;
 #[cfg(not(target_family = "wasm"))]
 pub mod fault_matrix;
 #[cfg(not(target_family = "wasm"))]

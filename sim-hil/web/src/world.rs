@@ -17,7 +17,7 @@ use flix_protocol::session::Key;
 use flix_protocol::units::Instant;
 use flix_sim::model::{ModelError, RobotModel};
 use flix_sim::plant::{Diverged, Plant, Wrench};
-use flix_sim::reliability::fault_case::{CASES, Cause};
+use flix_sim::reliability::fault_cases::{CASES, Cause};
 use flix_sim::rig::hardware_fault::Injected;
 use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::mode_table::shipped_table;
