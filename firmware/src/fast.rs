@@ -24,7 +24,7 @@ pub mod margin;
 mod monitor;
 pub mod reference;
 mod shaker;
-mod still;
+mod standstill_and_zero;
 mod supervisor;
 mod tracker;
 mod trial;

@@ -10,7 +10,7 @@
 
 use core::time::Duration;
 
-/// Silence after which the operator is warned: two missed commands at 20 Hz.
+/// Silence after which the operator is warned: five missed commands at 50 Hz.
 pub const LINK_LATE: Duration = Duration::from_millis(100);
 /// Silence after which both rotors ramp down: a person's reaction time.
 pub const COMMAND_DEADLINE: Duration = Duration::from_millis(250);

@@ -118,12 +118,12 @@
 mod channel;
 mod connect;
 mod cookie;
-mod history;
 mod key;
 mod operator;
 mod operators;
 mod replay;
 mod robot;
+mod send_times;
 mod stop;
 
 use core::time::Duration;
@@ -135,12 +135,12 @@ use crate::message::{ToOperator, ToRobot};
 
 pub use channel::SendError;
 pub use connect::ConnectError;
-pub use history::{LONGEST_COMMAND_AGE, SEND_SLOT};
 pub use key::{KEY_TEXT_LENGTH, Key, KeyError};
 pub use operator::{LinkHealth, OperatorReceived, OperatorSession, Status};
 pub use operators::{AddError, MAXIMUM_OPERATORS, Operator, Operators};
 pub use replay::{REPLAY_WINDOW, ReplayWindow};
 pub use robot::{RobotReceived, RobotSession};
+pub use send_times::{LONGEST_COMMAND_AGE, SEND_SLOT};
 pub use stop::{StopSession, StopStatus};
 
 /// Version of the protocol, incremented when the meaning of messages changes and their schema does

@@ -3,6 +3,7 @@
 //!
 //! `cargo run -p flix-sim --example record-trace -- FILE`
 
+use flix_host::teleop::action::Mode;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -22,7 +23,6 @@ use flix_protocol::units::Instant;
 use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::plant::electronics::{Electronics, ElectronicsParameters};
-use flix_sim::reliability::fault_matrix::MODES;
 use flix_sim::rig::bench::setpoint;
 
 /// A board as it is sold: it measures currents but not its bus, which takes the most instructions.
@@ -112,7 +112,7 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     recording.ticks(REST_TICKS)?;
     recording.asked.requests.arm = recording.asked.requests.arm.wrapping_add(1);
     recording.until(State::Armed)?;
-    for (frequency, direction) in MODES {
+    for (frequency, direction) in Mode::ALL.map(Mode::pair) {
         let setpoint = setpoint(frequency, direction)?;
         recording.asked.set(&setpoint, true);
         recording.ticks(MODE_TICKS)?;

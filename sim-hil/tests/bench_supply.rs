@@ -9,7 +9,7 @@ use flix_sim::model::RobotModel;
 use flix_sim::plant::Plant;
 use flix_sim::reliability::commission::CURRENT_LIMIT_A;
 use flix_sim::reliability::commissioned_accuracy::draw;
-use flix_sim::reliability::stranger::{Watched, measured_by_hand, stranger};
+use flix_sim::reliability::unknown_motors::{Watched, measured_by_hand, unknown_motors};
 use flix_sim::rig::bench::{BASES, Base, BenchError, Subject, setpoint};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::operation::Operation;
@@ -285,7 +285,7 @@ fn a_slow_reversal_of_motors_at_their_limits_is_no_lost_lock() {
 fn what_burns_while_f_falls_stays_below_the_current_limit() {
     // One in ten robots drawn, and windings of 0.12 to 0.24 ohm, passed it by up to 2.3 times.
     let drawn = [7_300_186, 7_500_003, 7_500_004].map(|seed| (seed, 30.0, draw(seed, true)));
-    let strangers = [7_600_019, 7_600_028].map(|seed| (seed, 20.0, stranger(seed)));
+    let strangers = [7_600_019, 7_600_028].map(|seed| (seed, 20.0, unknown_motors(seed)));
     for (seed, f, mut model) in drawn.into_iter().chain(strangers) {
         model.electrical.sense.bus_uv_per_count = 0;
         // Of amplifiers as commissioning leaves them.

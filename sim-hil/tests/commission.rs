@@ -13,8 +13,8 @@ use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Se
 use flix_protocol::units::Instant;
 use flix_sim::model::{Electrical, RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::Plant;
-use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure, try_stranger};
-use flix_sim::reliability::stranger::{Watched, motor_values, rotor_inertia, stranger};
+use flix_sim::reliability::commission::{CURRENT_LIMIT_A, commission_unknown, measure};
+use flix_sim::reliability::unknown_motors::{Watched, motor_values, rotor_inertia, unknown_motors};
 use flix_sim::rig::bench::bench_key;
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::lossy_network::ChannelParameters;
@@ -22,7 +22,7 @@ use flix_sim::rig::operation::{Operation, OperationError};
 use flix_sim::rig::simulated::{Disturbance, RobotParameters, SimulatedRobot};
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
 
-/// Commissions the stranger of this seed, as it is and with each wiring fault.
+/// Commissions the robot of this seed, whose motors are unknown, as it is and with each wiring fault.
 fn finds_itself_and_its_faults(seed: u64) {
     let measured = measure(1, seed, || {}).unwrap();
     let late = &measured.voltage_mode;
@@ -37,22 +37,22 @@ fn finds_itself_and_its_faults(seed: u64) {
 }
 
 #[test]
-fn a_stranger_finds_its_own_values_and_names_what_is_wired_wrongly() {
+fn a_robot_of_unknown_motors_finds_its_own_values_and_names_what_is_wired_wrongly() {
     finds_itself_and_its_faults(1);
 }
 
 #[test]
-fn another_stranger_finds_its_own_values_and_names_what_is_wired_wrongly() {
+fn another_such_robot_finds_its_own_values_and_names_what_is_wired_wrongly() {
     finds_itself_and_its_faults(2);
 }
 
 #[test]
-fn a_third_stranger_finds_its_own_values_and_names_what_is_wired_wrongly() {
+fn a_third_such_robot_finds_its_own_values_and_names_what_is_wired_wrongly() {
     finds_itself_and_its_faults(3);
 }
 
 #[test]
-fn a_fourth_stranger_finds_its_own_values_and_names_what_is_wired_wrongly() {
+fn a_fourth_such_robot_finds_its_own_values_and_names_what_is_wired_wrongly() {
     finds_itself_and_its_faults(4);
 }
 
@@ -72,7 +72,7 @@ fn settings(robot: &Watched) -> Settings {
 
 #[test]
 fn a_commissioned_robot_knows_its_motors() {
-    let mut robot = Watched::power_up(stranger(3), 3).unwrap();
+    let mut robot = Watched::power_up(unknown_motors(3), 3).unwrap();
     assert_eq!(settings(&robot).marks, Settings::DEFAULT.marks);
     commission(&mut robot, &Known::default(), |_| {}).unwrap();
     for name in MOTOR_VALUES {
@@ -82,7 +82,7 @@ fn a_commissioned_robot_knows_its_motors() {
 
 #[test]
 fn swapped_encoders_are_named_and_the_settings_stay_as_they_were() {
-    let mut robot = Watched::power_up(stranger(2), 2).unwrap();
+    let mut robot = Watched::power_up(unknown_motors(2), 2).unwrap();
     robot.operation.robot.disturb(Swapped);
     let before = settings(&robot);
     let found = commission(&mut robot, &Known::default(), |_| {});
@@ -93,7 +93,7 @@ fn swapped_encoders_are_named_and_the_settings_stay_as_they_were() {
 
 /// Returns a robot without current sense whose motors were entered as they are, but for pole pairs times this.
 fn entered(seed: u64, times: f64) -> Watched {
-    let mut model = stranger(seed);
+    let mut model = unknown_motors(seed);
     model.electrical.sense.current = false;
     let (inertia, pairs) = (rotor_inertia(&model.shaker), model.electrical.motor.pole_pairs);
     let mut robot = Watched::power_up(model, seed).unwrap();
@@ -107,7 +107,7 @@ fn entered(seed: u64, times: f64) -> Watched {
 /// What the ramps take is friction and inertia: friction that changes among them would be taken for inertia.
 #[test]
 fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_stay_as_they_were() {
-    let mut model = stranger(9_201);
+    let mut model = unknown_motors(9_201);
     for (measures_bus, held, after, seconds) in [
         (false, 0.004, 85, 200),
         (false, 0.004, 75, 1),
@@ -143,7 +143,7 @@ fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_sta
 /// Its angle is that of the alignment: the current that speeds it up would seem larger, and its resistance with it.
 #[test]
 fn a_magnet_that_slips_while_it_is_measured_is_named() {
-    let model = stranger(9_201);
+    let model = unknown_motors(9_201);
     for (motor, slip, after) in [(1, -3.0, 47), (0, -2.0, 58), (1, 2.0, 62), (0, 1.0, 66)] {
         let mut robot = Watched::power_up(model.clone(), 9_201).unwrap();
         let from = robot.operation.now() + Duration::from_secs(after);
@@ -187,7 +187,7 @@ fn a_robot_without_current_sense_knows_how_late_its_encoders_are_and_what_that_r
     let mut robot = entered(4, 1.0);
     let before = settings(&robot);
     let found = find_latency(&mut robot, &Known::default(), |_| {}).unwrap();
-    let late = stranger(4).electrical.encoder.late_us;
+    let late = unknown_motors(4).electrical.encoder.late_us;
     assert!((1e6 * found.encoder_latency - late).abs() < 30.0, "{found:?} of {late} us");
     assert_eq!(found.rests_on.len(), 7);
     let after = settings(&robot);
@@ -214,7 +214,7 @@ fn a_robot_whose_encoders_were_found_late_can_be_armed_with_what_that_left() {
 
 /// Returns a robot of this kind without current sense, and its settings as they are but for R, L and flux linkage times these.
 fn of_corner(seed: u64, change: impl FnOnce(&mut Electrical), times: [f64; 3]) -> Watched {
-    let mut model = stranger(seed);
+    let mut model = unknown_motors(seed);
     change(&mut model.electrical);
     model.electrical.sense.current = false;
     let inertia = rotor_inertia(&model.shaker);
@@ -277,7 +277,7 @@ fn set(robot: &mut Watched, settings: &[(&str, f32)]) {
 fn an_owner_who_allows_less_current_than_commissioning_takes_is_asked_first() {
     for senses in [false, true] {
         let mut robot =
-            if senses { Watched::power_up(stranger(3), 3).unwrap() } else { entered(4, 1.0) };
+            if senses { Watched::power_up(unknown_motors(3), 3).unwrap() } else { entered(4, 1.0) };
         set(&mut robot, &[("alignment_current", 0.3), ("current_limit", 0.5)]);
         let before = settings(&robot);
         let error = match senses {
@@ -297,7 +297,7 @@ fn an_owner_who_allows_less_current_than_commissioning_takes_is_asked_first() {
 fn settings_of_an_owner_that_fit_each_other_are_put_back_after_commissioning() {
     for senses in [false, true] {
         let mut robot =
-            if senses { Watched::power_up(stranger(3), 3).unwrap() } else { entered(4, 1.0) };
+            if senses { Watched::power_up(unknown_motors(3), 3).unwrap() } else { entered(4, 1.0) };
         // One has just enough current.
         let [limit, aligning] = if senses { [1.4, 1.0] } else { [1.6, 1.5] };
         let own = [("current_limit", limit), ("alignment_current", aligning), ("command_age", 0.6)];
@@ -407,7 +407,7 @@ impl RobotLink for Leaving<'_> {
 #[test]
 fn an_operator_who_falls_silent_at_any_step_leaves_rotors_at_rest() {
     for last in Step::ALL {
-        let mut robot = Watched::power_up(stranger(3), 3).unwrap();
+        let mut robot = Watched::power_up(unknown_motors(3), 3).unwrap();
         let leaves = Cell::new(false);
         let mut leaving =
             Leaving { robot: &mut robot, leaves: &leaves, left: 20, is_lost: &mut || false };
@@ -427,7 +427,7 @@ fn an_operator_who_falls_silent_at_any_step_leaves_rotors_at_rest() {
 #[test]
 fn a_trial_that_broke_off_in_silence_is_done_again_and_never_taken_for_a_motor() {
     let lossy = |is_lost: &mut dyn FnMut() -> bool| {
-        let mut robot = Watched::power_up(stranger(3), 3).unwrap();
+        let mut robot = Watched::power_up(unknown_motors(3), 3).unwrap();
         let leaves = Cell::new(false);
         let mut lossy = Leaving { robot: &mut robot, leaves: &leaves, left: 1, is_lost };
         commission(&mut lossy, &Known::default(), |_| {})
@@ -448,7 +448,7 @@ fn with_wrong_shunts(
     seed: u64,
     fault: WiringFault,
 ) -> (Result<(), CommissionError<OperationError>>, f64) {
-    let model = stranger(seed);
+    let model = unknown_motors(seed);
     let rotor_inertia = Some(rotor_inertia(&model.shaker));
     let miswired = Miswired::new(fault, SIMULATED_BOARD.current_sense, seed);
     let mut robot = Watched::power_up_with(model, seed, Some(miswired)).unwrap();
@@ -491,13 +491,13 @@ fn amplifiers_of_one_motor_that_show_too_little_are_named_as_that_motors() {
 #[test]
 fn motors_of_a_tenth_of_an_ohm_carry_no_more_than_2_a() {
     for seed in [7032, 7039, 13] {
-        let robot = try_stranger(seed).unwrap();
+        let robot = commission_unknown(seed).unwrap();
         assert!(robot.drawn.resistance < 0.12 && robot.passes(), "{robot:?}");
     }
 }
 
 #[test]
 fn a_robot_whose_trial_runs_lose_the_lock_with_one_position_loop_is_found_with_the_other() {
-    let robot = try_stranger(7006).unwrap();
+    let robot = commission_unknown(7006).unwrap();
     assert!(robot.passes(), "{robot:?}");
 }

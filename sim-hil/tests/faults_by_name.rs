@@ -4,13 +4,13 @@ use core::time::Duration;
 
 use flix_host::commission::{CommissionError, Finding, Known, Phase};
 use flix_host::link::RobotLink;
+use flix_host::teleop::action::Mode;
 use flix_protocol::message::{Fault, Faults};
 use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::{RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::{Plant, Wrench};
 use flix_sim::reliability::commission::CURRENT_LIMIT_A;
-use flix_sim::reliability::fault_matrix::MODES;
-use flix_sim::reliability::stranger::{self, Watched, measured_by_hand, stranger};
+use flix_sim::reliability::unknown_motors::{self, Watched, measured_by_hand, unknown_motors};
 use flix_sim::rig::bench::{BASES, Base, Subject, setpoint};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::operation::Operation;
@@ -68,7 +68,9 @@ fn broken(
 /// Shuts down these bridges of robots without current sense, in every mode and for so long; returns how often that was reported.
 fn shut_down(base: Base, bridges: &[HardwareFault]) -> usize {
     let mut reported = 0;
-    for (seed, mode) in (1..).zip(MODES.into_iter().chain([(35.0, 0.0), (12.0, -20.0)])) {
+    for (seed, mode) in
+        (1..).zip(Mode::ALL.map(Mode::pair).into_iter().chain([(35.0, 0.0), (12.0, -20.0)]))
+    {
         for milliseconds in [20, 50, 100, 200, 1_000] {
             let mut operation = holding(&subject(base, false, seed), base, mode);
             let lasts = Duration::from_millis(milliseconds);
@@ -127,7 +129,7 @@ fn without_current_sense_pushes_are_no_fault() {
 fn held_is_a_stall(senses_current: bool) {
     for seed in 0..120 {
         let base = BASES[seed as usize % 2];
-        let mode = MODES[seed as usize / 2 % 5];
+        let mode = Mode::ALL[seed as usize / 2 % 5].pair();
         // N m: as much as four motors, and as a wall.
         let friction = [0.2, 1.0][seed as usize / 10 % 2];
         let mut operation = holding(&subject(base, senses_current, seed), base, mode);
@@ -151,7 +153,7 @@ fn without_current_sense_a_rotor_that_is_held_of_a_sudden_is_a_stall() {
 #[test]
 fn a_reversal_that_takes_motors_longer_than_their_ramp_is_no_fault() {
     for seed in [7_600_018, 7_600_163, 7_600_192] {
-        let model = stranger(seed);
+        let model = unknown_motors(seed);
         let mut watched = Watched::power_up(model.clone(), seed).unwrap();
         watched.enter(measured_by_hand(&watched, &model, seed)).unwrap();
         watched.operation.arm().unwrap();
@@ -192,8 +194,8 @@ fn motors_of_more_resistance_than_the_supply_drives_are_aligned_by_what_it_drive
 fn a_phase_of_more_resistance_is_a_bad_joint_or_no_fault() {
     for (seed, factor) in (1..).zip([1.2, 1.1, 1.05, 1.22, 1.35, 1.24, 1.26, 1.15]) {
         let (motor, phase) = (seed as usize % 2, seed as usize / 2 % 3);
-        let model = stranger(seed);
-        let rotor_inertia = stranger::rotor_inertia(&model.shaker);
+        let model = unknown_motors(seed);
+        let rotor_inertia = unknown_motors::rotor_inertia(&model.shaker);
         let fault = WiringFault::BadJoint(motor, phase, factor);
         let miswired = Miswired::new(fault, SIMULATED_BOARD.current_sense, seed);
         let mut watched = Watched::power_up_with(model, seed, Some(miswired)).unwrap();

@@ -10,7 +10,7 @@ use flix_sim::model::RobotModel;
 use flix_sim::plant::electronics::sensor::as5600;
 use flix_sim::reliability::accuracy::hold_all_directions;
 use flix_sim::reliability::commissioned_accuracy::draw;
-use flix_sim::reliability::stranger::{Watched, measured_by_hand};
+use flix_sim::reliability::unknown_motors::{Watched, measured_by_hand};
 use flix_sim::rig::bench::{BASES, Base, FREQUENCIES, Subject, setpoint};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::simulated::Truth;

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use flix_host::nav::{ControllerKind, Navigator, Path, PlanarPose, Position, Settings, Stop, Task};
+use flix_host::nav::{
+    ControllerKind, EndReason, Navigator, Path, PlanarPose, Position, Settings, Task,
+};
 use flix_host::pilot::steering::names;
 use flix_host::pilot::{Ending, Pilot};
 use flix_protocol::message::State;
@@ -112,7 +114,7 @@ fn poses_that_are_not_trusted_any_more_bring_the_robot_to_rest() {
     }
     assert!(course.robot().1.abs() < 1.0, "{} Hz", course.robot().1);
     let ending = until_end(&mut course, 60);
-    assert!(matches!(ending, Ending::Stopped(Stop::PoseLost { .. })), "{ending:?}");
+    assert!(matches!(ending, Ending::Stopped(EndReason::PoseLost { .. })), "{ending:?}");
 }
 
 #[test]
@@ -121,7 +123,7 @@ fn carried_over_the_fence_the_robot_is_stopped_and_disarmed() {
     until_walking(&mut course);
     course.push((0.0, 2.0), 0.0);
     let ending = until_end(&mut course, 60);
-    assert!(matches!(ending, Ending::Stopped(Stop::OutsideFence { .. })), "{ending:?}");
+    assert!(matches!(ending, Ending::Stopped(EndReason::OutsideFence { .. })), "{ending:?}");
     let (state, frequency) = at_last(&mut course);
     assert!(state == State::Disarmed && frequency < 1.0, "{state}, {frequency} Hz");
 }
@@ -135,7 +137,7 @@ fn too_far_off_its_path_the_robot_is_stopped_and_disarmed() {
     // South of the crossing: half a metre from the nearest branch, and inside the fence.
     course.push((0.0, -0.7), 0.0);
     let ending = until_end(&mut course, 60);
-    assert!(matches!(ending, Ending::Stopped(Stop::OffPath { .. })), "{ending:?}");
+    assert!(matches!(ending, Ending::Stopped(EndReason::OffPath { .. })), "{ending:?}");
     let (state, frequency) = at_last(&mut course);
     assert!(state == State::Disarmed && frequency < 1.0, "{state}, {frequency} Hz");
 }

@@ -22,7 +22,7 @@ use crate::alignment::Alignment;
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Stator, clarke, inverse_clarke, park};
-use crate::fast::still::{LONGEST_REST_WAIT_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
+use crate::fast::standstill_and_zero::{LONGEST_REST_WAIT_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
 use crate::fast::tracker::{Tracker, harmonic_factors};
 use crate::hardware::Bridge;
 use crate::units::{

@@ -37,7 +37,7 @@ use flix_protocol::message::{Fault, Faults, State};
 use flix_protocol::units::Instant;
 
 use crate::fast::exchange::{Asked, EventCounters, Requests};
-use crate::fast::still::LONGEST_REST_WAIT_TICKS;
+use crate::fast::standstill_and_zero::LONGEST_REST_WAIT_TICKS;
 use crate::units::Speed;
 
 /// [`LINK_LATE`] in microseconds.

@@ -13,7 +13,7 @@ use crate::fast::aligner::{Progress, field};
 use crate::fast::configuration::Configuration;
 use crate::fast::foc::modulation::Bus;
 use crate::fast::foc::transform::{Direction, Rotor, clarke, park};
-use crate::fast::still::{LONGEST_REST_WAIT_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
+use crate::fast::standstill_and_zero::{LONGEST_REST_WAIT_TICKS, Stillness, ZERO_TICKS, ZeroMeter};
 use crate::fast::tracker::Tracker;
 use crate::hardware::Bridge;
 use crate::units::{Counts, Current, ElectricalAngle, Voltage, multiply_high};

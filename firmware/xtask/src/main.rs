@@ -6,20 +6,20 @@
 
 mod build_times;
 mod chip;
-#[cfg(test)]
-mod circles;
-#[cfg(test)]
-mod clone;
 mod emulate;
 mod image;
 mod in_memory;
 mod lanes;
 mod marked;
+#[cfg(test)]
+mod module_cycles;
 mod panic_free;
 mod quick;
 mod run;
 mod setup;
 mod stock;
+#[cfg(test)]
+mod test_repository;
 mod tick_instructions;
 mod toolchain;
 mod tree;

@@ -146,11 +146,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
 #[allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 mod tests {
     use super::*;
-    use crate::clone::Clone;
+    use crate::test_repository::TestRepository;
 
     #[test]
     fn a_change_is_what_is_not_committed_or_else_the_last_commit_or_since_the_one_named() {
-        let clone = Clone::of([("file", b"1".to_vec())]);
+        let clone = TestRepository::of([("file", b"1".to_vec())]);
         let base = |since: Option<&str>| base(&clone.tree(), since);
         let first = clone.tree().head().unwrap();
         assert_eq!(base(None).unwrap(), first, "the first commit has none before it");

@@ -18,7 +18,7 @@ use flix_host::commission::motor_name;
 use flix_host::link::explain;
 use flix_host::link::udp::Connection;
 use flix_host::link::{LinkError, RobotLink};
-use flix_host::nav::Stop;
+use flix_host::nav::EndReason;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::NatNetStatistics;
 use flix_host::pose::udp::UdpStatistics;
@@ -413,7 +413,7 @@ fn look_at_poses(args: &PoseArgs, interrupt: &Interrupt) -> Vec<Finding> {
     });
     let late = newest.and_then(|sample| sample.picture).map(|picture| picture.late);
     if let Some(late) = late.filter(|late| *late > LATE) {
-        findings.push(Finding::bad("pose", Exit::NoAnswer, Stop::PosesLate { late }));
+        findings.push(Finding::bad("pose", Exit::NoAnswer, EndReason::PosesLate { late }));
     } else if newest.is_some_and(|sample| !sample.valid) && findings.iter().all(|it| it.ok) {
         let text =
             "not trusted: poses have to come without pauses, 100 a second, and not in bursts";

@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! L di/dt = v - R i - dead time
-//! dead time of a phase = t f V_bus clamp(i / i_r, -1, 1),   i_r = V_bus / (8 L f)      f: PWM frequency
+//! dead time of a phase = t f V_bus clamp(i / i_r, -1, 1),   i_r = V_bus / (8 L f)      t: dead time, f: PWM frequency
 //! ```
 //!
 //! Below `i_r`, half the ripple of a phase, dead time looks like a resistance and cannot be separated from the winding's: there the
@@ -96,8 +96,8 @@ pub struct Phases {
 }
 
 impl Phases {
-    /// Returns what it is where the resistances of phases A, B and C are these, over their mean: the field along A met A and what
-    /// B and C make together, and drew unlike currents out of those.
+    /// Corrects it for phases A, B and C of unlike resistance, given over their mean: a field along A sees A in series with B
+    /// and C in parallel, which carry unlike currents then.
     #[must_use]
     pub(crate) fn of_uneven(self, uneven: [f64; 3]) -> Self {
         let [a, b, c] = uneven;

@@ -33,7 +33,7 @@ pub enum Finding {
         /// By the voltmeter, V.
         entered: f64,
     },
-    /// No reading.
+    /// An encoder gives no reading.
     #[error("an encoder does not answer: look at the wires and the supply of both")]
     EncoderLost,
     /// A standing rotor seems to move.
@@ -47,7 +47,7 @@ pub enum Finding {
         /// Root mean square.
         degrees: f64,
     },
-    /// The other encoder sees it turn.
+    /// The other motor's encoder sees a motor turn.
     #[error("the {} motor turns under the other one's encoder: swap the two encoders", motor_name(*.0))]
     EncodersSwapped(usize),
     /// The rotor turned, and its encoder did not see it.
@@ -62,9 +62,9 @@ pub enum Finding {
          reference", motor_name(*motor)
     )]
     AmplifierOffset {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
-        /// Of which phase.
+        /// Names the phase.
         phase: Phase,
         /// What it shows, A.
         shown: f64,
@@ -84,7 +84,7 @@ pub enum Finding {
     /// A phase carries nothing.
     #[error("phase {phase} of the {} motor is open: look at its wire", motor_name(*motor))]
     OpenPhase {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// Names the phase.
         phase: Phase,
@@ -95,7 +95,7 @@ pub enum Finding {
         motor_name(*motor)
     )]
     BadJoint {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// Names the phase.
         phase: Phase,
@@ -108,7 +108,7 @@ pub enum Finding {
         phases[0], phases[1], motor_name(*motor)
     )]
     ShortedPhases {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// Names both phases.
         phases: [Phase; 2],
@@ -119,7 +119,7 @@ pub enum Finding {
          the motor", motor_name(*motor)
     )]
     ShortedTurns {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// Names the phase.
         phase: Phase,
@@ -132,68 +132,68 @@ pub enum Finding {
         motor_name(*motor)
     )]
     AmplifierDead {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
-        /// Of which phase.
+        /// Names the phase.
         phase: Phase,
     },
-    /// Each shows what the other should.
+    /// The amplifiers of phases A and B are swapped.
     #[error("the current amplifiers of phases A and B of the {} motor are swapped", motor_name(*.0))]
     AmplifiersSwapped(usize),
-    /// It shows another phase.
+    /// An amplifier shows another phase.
     #[error(
         "the current amplifier of phase {amplifier} of the {} motor shows phase {phase}",
         motor_name(*motor)
     )]
     AmplifierElsewhere {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// The amplifier.
         amplifier: Phase,
         /// What it shows.
         phase: Phase,
     },
-    /// They count in opposite directions.
+    /// The amplifiers of a motor count in opposite directions.
     #[error(
         "the current amplifiers of phases A and B of the {} motor have opposite signs: swap the two inputs of one of them",
         motor_name(*.0)
     )]
     AmplifiersOpposed(usize),
-    /// They show one current as different ones.
+    /// The amplifiers of a motor show one current as different ones.
     #[error(
         "the current amplifiers of phases A and B of the {} motor differ by a factor of {:.1}: is one shunt another?",
         motor_name(*motor), ratio.max(1.0 / ratio)
     )]
     AmplifiersDiffer {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// What B shows over what A does.
         ratio: f64,
     },
-    /// Those of a motor show the other's currents.
+    /// The amplifiers of a motor show the other's currents.
     #[error("the current amplifiers of the {} motor are connected to the other motor", motor_name(*.0))]
     AmplifiersOfOther(usize),
-    /// One of a motor shows the other's current.
+    /// An amplifier of a motor shows the other's current.
     #[error(
         "the current amplifier of phase {phase} of the {} motor is connected to the other motor",
         motor_name(*motor)
     )]
     AmplifierOfOther {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// Names the phase.
         phase: Phase,
     },
-    /// No fit.
+    /// No resistance and inductance explain the currents of a motor.
     #[error("the {} motor carries no current as a winding does: look at its three wires", motor_name(*.0))]
     NoWinding(usize),
-    /// It does not turn with its field.
+    /// A motor does not turn with its field.
     #[error(
         "the {} motor does not turn with its field: does something block it, or do its amplifiers show more current than flows?",
         motor_name(*.0)
     )]
     Blocked(usize),
-    /// No whole number of pole pairs.
+    /// A motor turns as if its pole pairs were no whole number.
     #[error(
         "the {} motor follows its field as one of {ratio:.2} pole pairs would: does its magnet slip on the shaft?",
         motor_name(*motor)
@@ -204,7 +204,7 @@ pub enum Finding {
         /// Turns of the field over turns of the rotor.
         ratio: f64,
     },
-    /// Not the other motor's pole pairs.
+    /// The motors have different numbers of pole pairs.
     #[error(
         "the bottom motor has {bottom} pole pairs, the top one {top}: both must be of one kind"
     )]
@@ -214,7 +214,7 @@ pub enum Finding {
         /// Of the bottom motor.
         bottom: u32,
     },
-    /// It speeds up too easily.
+    /// A motor speeds up too easily.
     #[error(
         "the {} motor speeds up as if it had {:.0} % of the inertia that is stated: is its eccentric mass in place?",
         motor_name(*motor), 100.0 * share
@@ -222,10 +222,10 @@ pub enum Finding {
     NoMass {
         /// Names the motor: 0 is the top one.
         motor: usize,
-        /// Of the inertia.
+        /// Share of the stated inertia that it shows.
         share: f64,
     },
-    /// It does not run steadily.
+    /// A motor does not run steadily.
     #[error(
         "the {} rotor swings by {:.1} Hz about {:.0} Hz with either position loop, which spoils what is measured: hold the body, \
          and look whether something rubs or the magnet is loose",
@@ -250,7 +250,7 @@ pub enum Finding {
         /// By how much, degrees of the rotor.
         degrees: f64,
     },
-    /// What it takes changed among its ramps.
+    /// The current that a motor takes changed from ramp to ramp.
     #[error(
         "the current that the {} rotor takes changed meanwhile, by {:.0} % of what speeds it up: does something rub on it now and \
          then, or does the body slide? Mend it, hold the body, and start again",
@@ -268,7 +268,7 @@ pub enum Finding {
          other motor's?", motor_name(*motor)
     )]
     AmplifiersScale {
-        /// Of which motor.
+        /// Names the motor: 0 is the top one.
         motor: usize,
         /// What they show over what flows.
         scale: f64,

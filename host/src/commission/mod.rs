@@ -4,7 +4,7 @@
 //! ```text
 //! standing field   what is wired wrongly, by its name                                              wiring
 //! standing field   R, L, dead time, delay of the bridges; sign and balance of the amplifiers      circuit
-//! turning field    pole pairs, direction, which encoder sees it, flux linkage roughly             turning
+//! turning field    pole pairs, direction, which encoder sees it, flux linkage roughly             turning_field
 //! jumping field    whether a shown ampere speeds a rotor up about as much as it should            swing
 //! alignment        electrical angles and eccentricity of the encoders                             the robot's own
 //! slow, then fast  flux linkage and latency of the encoders                                       running
@@ -15,11 +15,11 @@
 //! the rotors, by their mass, and the bus voltage.
 
 pub mod circuit;
-mod desk;
 mod finding;
 mod least_squares;
 pub mod running;
 mod step;
+mod subject;
 pub mod swing;
 mod trials;
 pub mod turning_field;
@@ -32,11 +32,11 @@ use std::f64::consts::TAU;
 use flix_protocol::message::{Fault, Faults, Setpoint};
 
 use self::circuit::{Circuit, Phases, is_winding};
-use self::desk::Desk;
 pub use self::finding::{Finding, Phase, motor_name};
 use self::running::BackEmf;
 use self::step::CURRENT_LIMIT;
 pub use self::step::{CommissionError, Step};
+use self::subject::Subject;
 use self::trials::First;
 use self::turning_field::Rotor;
 use self::wiring::Stood;
@@ -136,38 +136,38 @@ const RAMP_SLOPES: (f64, f64) = (10.0, 300.0);
 /// # Errors
 /// When the robot refuses, a step ends in a fault, or a motor does not behave like one.
 pub fn commission<S: RobotLink>(
-    subject: &mut S,
+    robot: &mut S,
     known: &Known,
     step: impl FnMut(Step),
 ) -> Result<Commissioned, CommissionError<S::Error>> {
-    let mut desk = Desk::new(subject);
-    let found = measure(&mut desk, known, step);
-    desk.conclude(found).map(|found| Commissioned { changes: desk.changes(), ..found })
+    let mut subject = Subject::new(robot);
+    let found = measure(&mut subject, known, step);
+    subject.conclude(found).map(|found| Commissioned { changes: subject.changes(), ..found })
 }
 
 fn measure<S: RobotLink>(
-    desk: &mut Desk<'_, S>,
+    subject: &mut Subject<'_, S>,
     known: &Known,
     mut step: impl FnMut(Step),
 ) -> Result<Commissioned, CommissionError<S::Error>> {
     step(Step::Wiring);
-    desk.begin()?;
+    subject.begin()?;
     if let Some(inertia) = known.rotor_inertia {
-        desk.set("rotor_inertia", 1e7 * inertia)?;
+        subject.set("rotor_inertia", 1e7 * inertia)?;
     }
-    let inertia = desk.setting("rotor_inertia")? * 1e-7;
+    let inertia = subject.setting("rotor_inertia")? * 1e-7;
     if let Some(battery) = known.battery {
-        desk.take_battery(battery)?;
+        subject.take_battery(battery)?;
     }
-    desk.set_each("aligned", [0.0; 2])?;
-    desk.set_each("current_gain_a", [1.0; 2])?;
-    desk.set_each("current_gain_b", [1.0; 2])?;
+    subject.set_each("aligned", [0.0; 2])?;
+    subject.set_each("current_gain_a", [1.0; 2])?;
+    subject.set_each("current_gain_b", [1.0; 2])?;
 
-    desk.look()?.check().map_err(CommissionError::Found)?;
+    subject.look()?.check().map_err(CommissionError::Found)?;
     // Little current at first: amplifiers that show too little of it let more flow.
-    let mut first = [desk.first(0, inertia)?, desk.first(1, inertia)?];
+    let mut first = [subject.first(0, inertia)?, subject.first(1, inertia)?];
     let shown = first_scales(first);
-    let wiring = desk.wiring(shown)?;
+    let wiring = subject.wiring(shown)?;
     match (judge(&wiring, shown), faint(first)) {
         (Ok(()), None) => {}
         (Err(found), Some(_)) if !wiring::compares(found) => {
@@ -177,7 +177,7 @@ fn measure<S: RobotLink>(
     }
     for (motor, first) in first.iter_mut().enumerate().filter(|(_, it)| !it.shows) {
         // It shows by now, or just about.
-        *first = desk.first(motor, inertia)?;
+        *first = subject.first(motor, inertia)?;
         if !first.shows {
             return Err(CommissionError::Found(Finding::NotConnected(motor)));
         }
@@ -188,8 +188,8 @@ fn measure<S: RobotLink>(
 
     step(Step::Phases);
     let field = trials::standing_ma(shown);
-    let (mut standing, bridges) = desk.stand(Step::Phases, [true; 2], field)?;
-    let (again, _) = desk.stand(Step::Phases, [true; 2], field)?;
+    let (mut standing, bridges) = subject.stand(Step::Phases, [true; 2], field)?;
+    let (again, _) = subject.stand(Step::Phases, [true; 2], field)?;
     standing.iter_mut().zip(again).for_each(|(standing, again)| standing.extend(again));
     let winding = |motor: usize, scale: f64| {
         let found = circuit::measure(&standing[motor], &bridges, scale);
@@ -200,9 +200,9 @@ fn measure<S: RobotLink>(
     let delay = (windings[0].circuit.delay + windings[1].circuit.delay) / 2.0;
 
     step(Step::Turning(0));
-    let top = desk.turn(0, &windings[0], &bridges, shown[0])?;
+    let top = subject.turn(0, &windings[0], &bridges, shown[0])?;
     step(Step::Turning(1));
-    let turned = [top, desk.turn(1, &windings[1], &bridges, shown[1])?];
+    let turned = [top, subject.turn(1, &windings[1], &bridges, shown[1])?];
     let rotors = turned.map(|(rotor, _)| rotor);
     let [pole_pairs, of_bottom] = rotors.map(|rotor| rotor.pole_pairs());
     if pole_pairs != of_bottom {
@@ -215,7 +215,7 @@ fn measure<S: RobotLink>(
     for motor in [0, 1] {
         let most = SWING_CURRENT * shown[motor];
         let current = alignment_current(pairs * flux[motor]).min(most).max(turned[motor].1);
-        let swing = desk.swing(motor, &windings[motor], current)?;
+        let swing = subject.swing(motor, &windings[motor], current)?;
         // One that friction holds says nothing.
         swings[motor] = swing::scale(&swing, &rotors[motor], inertia);
     }
@@ -227,17 +227,17 @@ fn measure<S: RobotLink>(
 
     step(Step::Aligning);
     let actuation_delay = delay + circuit::TICK / 2.0;
-    desk.set("pole_pairs", pairs)?;
-    desk.set_each("phase_resistance", resistances)?;
-    desk.set_each("phase_inductance", windings.map(|it| 1e3 * it.circuit.inductance))?;
-    desk.set_each("current_gain_b", windings.map(|it| 1.0 / it.balance))?;
-    desk.set("actuation_delay", 1e6 * actuation_delay)?;
-    desk.set("tracker_bandwidth", CAREFUL[0])?;
+    subject.set("pole_pairs", pairs)?;
+    subject.set_each("phase_resistance", resistances)?;
+    subject.set_each("phase_inductance", windings.map(|it| 1e3 * it.circuit.inductance))?;
+    subject.set_each("current_gain_b", windings.map(|it| 1.0 / it.balance))?;
+    subject.set("actuation_delay", 1e6 * actuation_delay)?;
+    subject.set("tracker_bandwidth", CAREFUL[0])?;
     let bus = standing[0].bus.min(standing[1].bus);
     let weaker = 1.5 * pairs * flux[0].min(flux[1]);
     let ramp = (weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMP_SLOPES.0, RAMP_SLOPES.1);
     let aligning = alignment_current(pairs * flux[0].min(flux[1])).min(limit);
-    desk.bound(ramp, aligning, limit)?;
+    subject.bound(ramp, aligning, limit)?;
     let runs = Runs {
         circuits: windings.map(|it| it.circuit),
         pairs,
@@ -249,8 +249,8 @@ fn measure<S: RobotLink>(
     };
     let resistive = resistances[0].max(resistances[1]) * limit;
     let Ran { flux, latency, slopes } =
-        with_either_loop(desk, resistive, bus, |desk, bandwidth| {
-            runs.run(desk, bandwidth, &mut step)
+        with_either_loop(subject, resistive, bus, |subject, bandwidth| {
+            runs.run(subject, bandwidth, &mut step)
         })?;
     let scales = [0, 1].map(|motor| slopes[motor] * 1.5 * pairs * flux[motor] / inertia);
     check_scales(&SCALES, scales, resistances).map_err(CommissionError::Found)?;
@@ -269,13 +269,13 @@ fn measure<S: RobotLink>(
             rotor: rotors[motor],
         }
     });
-    desk.set_each("phase_resistance", motors.map(|it| it.resistance))?;
-    desk.set_each("phase_inductance", motors.map(|it| 1e3 * it.inductance))?;
-    desk.set_each("current_gain_a", motors.map(|it| it.current_gains[0]))?;
-    desk.set_each("current_gain_b", motors.map(|it| it.current_gains[1]))?;
-    desk.set("tracker_bandwidth", QUICK[0])?;
-    desk.set_position_bandwidth(position_bandwidth(latency))?;
-    desk.unbound()?;
+    subject.set_each("phase_resistance", motors.map(|it| it.resistance))?;
+    subject.set_each("phase_inductance", motors.map(|it| 1e3 * it.inductance))?;
+    subject.set_each("current_gain_a", motors.map(|it| it.current_gains[0]))?;
+    subject.set_each("current_gain_b", motors.map(|it| it.current_gains[1]))?;
+    subject.set("tracker_bandwidth", QUICK[0])?;
+    subject.set_position_bandwidth(position_bandwidth(latency))?;
+    subject.unbound()?;
     let changes = Vec::new();
     Ok(Commissioned { motors, pole_pairs, encoder_latency: latency, actuation_delay, changes })
 }
@@ -283,23 +283,23 @@ fn measure<S: RobotLink>(
 /// Runs with the position loop, of this bandwidth in Hz, that suits motors of this resistive voltage on this bus, V; where the phase
 /// lock is lost or the rotors swing, again with the other one.
 fn with_either_loop<S: RobotLink, T>(
-    desk: &mut Desk<'_, S>,
+    subject: &mut Subject<'_, S>,
     resistive: f64,
     bus: f64,
-    mut run: impl FnMut(&mut Desk<'_, S>, f64) -> Result<T, CommissionError<S::Error>>,
+    mut run: impl FnMut(&mut Subject<'_, S>, f64) -> Result<T, CommissionError<S::Error>>,
 ) -> Result<T, CommissionError<S::Error>> {
     let is_free = resistive < (PHASE_SHARE - EMF_SHARE) * bus;
     let [first, second] = if is_free { [CAREFUL[1], CALM] } else { [CALM, CAREFUL[1]] };
-    match run(desk, first) {
+    match run(subject, first) {
         // Which loop keeps the lock, friction and cogging decide, too.
         Err(CommissionError::Faulted { step, faults })
             if faults == Faults::NONE.with(Fault::PhaseLockLost) =>
         {
-            desk.subject.hold(Setpoint::REST);
-            desk.clear(step)?;
-            run(desk, second)
+            subject.robot.hold(Setpoint::REST);
+            subject.clear(step)?;
+            run(subject, second)
         }
-        Err(CommissionError::Found(Finding::Swings { .. })) => run(desk, second),
+        Err(CommissionError::Found(Finding::Swings { .. })) => run(subject, second),
         ran => ran,
     }
 }
@@ -333,17 +333,17 @@ impl Runs {
     /// Aligns, runs slowly, fast and by ramps with position loops of this bandwidth, Hz, and disarms.
     fn run<S: RobotLink>(
         &self,
-        desk: &mut Desk<'_, S>,
+        subject: &mut Subject<'_, S>,
         bandwidth: f64,
         step: &mut impl FnMut(Step),
     ) -> Result<Ran, CommissionError<S::Error>> {
         let Self { circuits, pairs, bus, ramp, .. } = *self;
         let (mut flux, mut latency) = (self.flux, FIRST_LATENCY);
         let resistances = circuits.map(|it| it.resistance);
-        desk.set("position_bandwidth", bandwidth)?;
-        desk.set("encoder_latency", 1e6 * latency)?;
-        desk.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
-        desk.arm(Step::Aligning)?;
+        subject.set("position_bandwidth", bandwidth)?;
+        subject.set("encoder_latency", 1e6 * latency)?;
+        subject.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
+        subject.arm(Step::Aligning)?;
 
         let fastest = flux.map(|flux| EMF_SHARE * bus / (TAU * pairs * flux));
         let fastest = FASTEST_HZ.min(fastest[0]).min(fastest[1]);
@@ -352,11 +352,13 @@ impl Runs {
             step(speed);
             let mut back_emfs = [[BackEmf::default(); 2]; 2];
             for (way, frequency) in [frequency, -frequency].into_iter().enumerate() {
-                for (motor, steady) in desk.steady(speed, frequency, ramp)?.into_iter().enumerate()
+                for (motor, steady) in
+                    subject.steady(speed, frequency, ramp)?.into_iter().enumerate()
                 {
                     let swing = steady.swing;
                     if speed == Step::Fast && swing > LARGEST_SWING * frequency.abs() {
-                        desk.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
+                        subject
+                            .disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
                         let finding = Finding::Swings { motor, swing, frequency };
                         return Err(CommissionError::Found(finding));
                     }
@@ -366,18 +368,18 @@ impl Runs {
             let off = back_emfs.map(|both| running::latency(&both).unwrap_or(0.0));
             latency = (latency + (off[0] + off[1]) / 2.0).clamp(0.0, LONGEST_LATENCY);
             flux = back_emfs.map(|[one, other]| (one.flux_linkage + other.flux_linkage) / 2.0);
-            desk.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
-            desk.set("encoder_latency", 1e6 * latency)?;
-            desk.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
-            desk.arm(speed)?;
+            subject.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
+            subject.set("encoder_latency", 1e6 * latency)?;
+            subject.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
+            subject.arm(speed)?;
         }
 
         step(Step::Ramps);
         let ends = RAMP_SHARES.map(|share| share * fastest);
         let per_hertz = TAU * self.inertia / (1.5 * pairs * flux[0].max(flux[1]));
-        let slopes = desk.ramps(ends, ramp, per_hertz, self.measures_bus)?;
-        let last = desk.steady(Step::Ramps, fastest, ramp)?;
-        desk.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
+        let slopes = subject.ramps(ends, ramp, per_hertz, self.measures_bus)?;
+        let last = subject.steady(Step::Ramps, fastest, ramp)?;
+        subject.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
         for (motor, steady) in last.iter().enumerate() {
             // The latency is right by now.
             let BackEmf { ahead, .. } = BackEmf::of(steady, &circuits[motor], pairs);

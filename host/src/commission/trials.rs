@@ -7,9 +7,9 @@ use flix_protocol::message::{
 
 use super::circuit;
 use super::circuit::{Circuit, Phases, Standing};
-use super::desk::{Columns, Desk, Done, LOOK, LOOKS};
 use super::finding::Finding;
 use super::step::{CommissionError, Step};
+use super::subject::{Columns, Done, LOOK, LOOKS, Subject};
 use super::swing::Swing;
 use super::turning_field::{self, Rotor, Turning};
 use super::wiring::{ANGLES, Resting, Stood};
@@ -61,7 +61,7 @@ pub(super) struct First {
     pub(super) circuit: Option<Circuit>,
 }
 
-impl<S: RobotLink> Desk<'_, S> {
+impl<S: RobotLink> Subject<'_, S> {
     /// Does a trial and captures its pattern; again where commands stayed away meanwhile, so that the motors coasted.
     fn try_out(
         &mut self,
@@ -91,17 +91,17 @@ impl<S: RobotLink> Desk<'_, S> {
         halts: Option<u8>,
     ) -> Done<(Columns, Bridges), S> {
         self.begin_capture(channels, Trigger::Pattern, 0)?;
-        let bridges = match self.subject.insist(Command::Trial(trial))? {
+        let bridges = match self.robot.insist(Command::Trial(trial))? {
             Outcome::Bridges(bridges) => bridges,
             Outcome::Refused(refusal) => {
                 // What ends a trial at once is heard of before its answer.
                 self.check(step)?;
                 if refusal == Refusal::Rested {
                     // Which it states with its next telemetry.
-                    self.subject.pause(LOOK)?;
+                    self.robot.pause(LOOK)?;
                     return Err(CommissionError::Lapsed(step));
                 }
-                self.subject.refused(refusal)?
+                self.robot.refused(refusal)?
             }
             _ => return Err(CommissionError::OtherAnswer),
         };
@@ -188,10 +188,10 @@ impl<S: RobotLink> Desk<'_, S> {
             }
             self.clear(Step::Wiring)?;
             self.begin_capture(channels, Trigger::Fault, LOOKED_TICKS)?;
-            match self.subject.insist(Command::Trial(trial))? {
+            match self.robot.insist(Command::Trial(trial))? {
                 // `Faulted`: it gave up before its answer came.
                 Outcome::Refused(refusal) if !matches!(refusal, Refusal::Faulted(_)) => {
-                    self.subject.refused(refusal)?
+                    self.robot.refused(refusal)?
                 }
                 _ => {}
             }
@@ -201,7 +201,7 @@ impl<S: RobotLink> Desk<'_, S> {
                     self.clear(Step::Wiring)?;
                     return Ok((columns, None));
                 }
-                self.subject.pause(LOOK)?;
+                self.robot.pause(LOOK)?;
             }
         }
         Err(CommissionError::Endless(Step::Wiring))
@@ -211,9 +211,9 @@ impl<S: RobotLink> Desk<'_, S> {
     pub(super) fn clear(&mut self, step: Step) -> Done<(), S> {
         self.await_state(step, State::Faulted, true)?;
         for _ in 0..LOOKS {
-            self.subject.ask(Command::Clear)?;
-            self.subject.pause(LOOK)?;
-            if self.subject.telemetry().is_some_and(|it| it.state == State::Disarmed) {
+            self.robot.ask(Command::Clear)?;
+            self.robot.pause(LOOK)?;
+            if self.robot.telemetry().is_some_and(|it| it.state == State::Disarmed) {
                 return Ok(());
             }
         }

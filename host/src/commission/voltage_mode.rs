@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use flix_protocol::message::{Bridges, Command, Mark, Outcome};
 
-use super::desk::{Desk, Done};
+use super::subject::{Done, Subject};
 use super::voltage_latency::{self, Entered, Turned};
 use super::{
     CAREFUL, CommissionError, EMF_SHARE, FASTEST_HZ, FIRST_LATENCY, Finding, Known,
@@ -50,8 +50,8 @@ pub const STEPS: [Step; 4] = [Step::Wiring, Step::Aligning, Step::Slow, Step::Fa
 ///
 /// # Errors
 /// When it does not answer.
-pub fn bridges<S: RobotLink>(subject: &mut S) -> Result<Bridges, CommissionError<S::Error>> {
-    match subject.ask(Command::Bridges)? {
+pub fn bridges<S: RobotLink>(robot: &mut S) -> Result<Bridges, CommissionError<S::Error>> {
+    match robot.ask(Command::Bridges)? {
         Outcome::Bridges(bridges) => Ok(bridges),
         _ => Err(CommissionError::OtherAnswer),
     }
@@ -67,64 +67,65 @@ pub fn bridges<S: RobotLink>(subject: &mut S) -> Result<Bridges, CommissionError
 /// # Errors
 /// When a value was not entered, the robot refuses, a step ends in a fault, or a motor is another than was entered.
 pub fn find_latency<S: RobotLink>(
-    subject: &mut S,
+    robot: &mut S,
     known: &Known,
     step: impl FnMut(Step),
 ) -> Result<Latency, CommissionError<S::Error>> {
-    let bridges = bridges(subject)?;
-    let mut desk = Desk::new(subject);
-    let found = find(&mut desk, &bridges, known, step);
-    desk.conclude(found).map(|found| Latency { changes: desk.changes(), ..found })
+    let bridges = bridges(robot)?;
+    let mut subject = Subject::new(robot);
+    let found = find(&mut subject, &bridges, known, step);
+    subject.conclude(found).map(|found| Latency { changes: subject.changes(), ..found })
 }
 
 fn find<S: RobotLink>(
-    desk: &mut Desk<'_, S>,
+    subject: &mut Subject<'_, S>,
     bridges: &Bridges,
     known: &Known,
     mut step: impl FnMut(Step),
 ) -> Result<Latency, CommissionError<S::Error>> {
     step(Step::Wiring);
-    desk.begin()?;
+    subject.begin()?;
     let mut rests_on = Vec::new();
-    let pairs = entered(desk, "pole_pairs", &mut rests_on)?;
-    let motors = [entered_motor(desk, 0, &mut rests_on)?, entered_motor(desk, 1, &mut rests_on)?];
+    let pairs = entered(subject, "pole_pairs", &mut rests_on)?;
+    let motors =
+        [entered_motor(subject, 0, &mut rests_on)?, entered_motor(subject, 1, &mut rests_on)?];
     // Zero is the board's own.
-    if desk.setting("actuation_delay")? > 0.0 {
+    if subject.setting("actuation_delay")? > 0.0 {
         rests_on.push("actuation_delay".to_owned());
     }
     if let Some(inertia) = known.rotor_inertia {
-        desk.set("rotor_inertia", 1e7 * inertia)?;
+        subject.set("rotor_inertia", 1e7 * inertia)?;
     }
-    let inertia = desk.setting("rotor_inertia")? * 1e-7;
+    let inertia = subject.setting("rotor_inertia")? * 1e-7;
     if let Some(battery) = known.battery {
-        desk.take_battery(battery)?;
+        subject.take_battery(battery)?;
     }
-    let bus = desk.bus()?;
+    let bus = subject.bus()?;
 
     step(Step::Aligning);
     let weaker = pairs * motors[0].flux_linkage.min(motors[1].flux_linkage);
     let ramp = (1.5 * weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMP_SLOPES.0, STEEPEST);
-    desk.set("tracker_bandwidth", CAREFUL[0])?;
-    desk.bound(ramp, alignment_current(weaker), HELD_CURRENT)?;
+    subject.set("tracker_bandwidth", CAREFUL[0])?;
+    subject.bound(ramp, alignment_current(weaker), HELD_CURRENT)?;
     let resistive = motors[0].resistance.max(motors[1].resistance) * HELD_CURRENT;
     let runs = Runs { motors, pairs, bus, bridges, ramp };
-    let encoder_latency = with_either_loop(desk, resistive, bus, |desk, bandwidth| {
-        runs.run(desk, bandwidth, &mut step)
+    let encoder_latency = with_either_loop(subject, resistive, bus, |subject, bandwidth| {
+        runs.run(subject, bandwidth, &mut step)
     })?;
-    desk.set("tracker_bandwidth", QUICK[0])?;
-    desk.set_position_bandwidth(position_bandwidth(encoder_latency))?;
-    desk.unbound()?;
-    desk.set_back("alignment_current")?;
+    subject.set("tracker_bandwidth", QUICK[0])?;
+    subject.set_position_bandwidth(position_bandwidth(encoder_latency))?;
+    subject.unbound()?;
+    subject.set_back("alignment_current")?;
     Ok(Latency { encoder_latency, rests_on, changes: Vec::new() })
 }
 
 /// Returns a value that somebody entered or measured, and notes its name.
 fn entered<S: RobotLink>(
-    desk: &mut Desk<'_, S>,
+    subject: &mut Subject<'_, S>,
     name: &str,
     names: &mut Vec<String>,
 ) -> Done<f64, S> {
-    let (value, mark) = desk.marked(name)?;
+    let (value, mark) = subject.marked(name)?;
     names.push(name.to_owned());
     match mark {
         Some(Mark::Assumed) => Err(CommissionError::Assumed { name: name.to_owned() }),
@@ -133,11 +134,11 @@ fn entered<S: RobotLink>(
 }
 
 fn entered_motor<S: RobotLink>(
-    desk: &mut Desk<'_, S>,
+    subject: &mut Subject<'_, S>,
     motor: usize,
     names: &mut Vec<String>,
 ) -> Done<Entered, S> {
-    let mut of = |name: &str| entered(desk, &format!("{}_{name}", motor_name(motor)), names);
+    let mut of = |name: &str| entered(subject, &format!("{}_{name}", motor_name(motor)), names);
     Ok(Entered {
         resistance: of("phase_resistance")?,
         inductance: 1e-3 * of("phase_inductance")?,
@@ -161,22 +162,22 @@ impl Runs<'_> {
     /// the latency, s.
     fn run<S: RobotLink>(
         &self,
-        desk: &mut Desk<'_, S>,
+        subject: &mut Subject<'_, S>,
         bandwidth: f64,
         step: &mut impl FnMut(Step),
     ) -> Result<f64, CommissionError<S::Error>> {
         let Self { motors, pairs, bus, .. } = *self;
         let mut latency = FIRST_LATENCY;
-        desk.set("position_bandwidth", bandwidth)?;
-        desk.set("encoder_latency", 1e6 * latency)?;
-        desk.set_each("aligned", [0.0; 2])?;
-        desk.arm(Step::Aligning)?;
+        subject.set("position_bandwidth", bandwidth)?;
+        subject.set("encoder_latency", 1e6 * latency)?;
+        subject.set_each("aligned", [0.0; 2])?;
+        subject.arm(Step::Aligning)?;
         let mut offsets = [0.0; 2];
         let mut orders = [1.0; 2];
         for motor in [0, 1] {
             let name = motor_name(motor);
-            offsets[motor] = desk.setting(&format!("{name}_electrical_offset"))?;
-            let reversed = desk.setting(&format!("{name}_phases_reversed"))?;
+            offsets[motor] = subject.setting(&format!("{name}_electrical_offset"))?;
+            let reversed = subject.setting(&format!("{name}_phases_reversed"))?;
             orders[motor] = if reversed == 0.0 { 1.0 } else { -1.0 };
         }
         let flux = motors.map(|it| it.flux_linkage);
@@ -187,7 +188,7 @@ impl Runs<'_> {
         let braked_from = braked_from(&resistances, &flux, pairs).min(fastest);
         let slow = motors.iter().map(careful_electrical).fold(SLOW_ELECTRICAL_HZ, f64::min);
         let slow = (slow / pairs).min(fastest / 2.0);
-        desk.disarm(Step::Aligning, braked_from)?;
+        subject.disarm(Step::Aligning, braked_from)?;
 
         let mut seen: [Vec<Turned>; 2] = Default::default();
         for (speed, frequency) in [(Step::Slow, slow), (Step::Fast, fastest)] {
@@ -199,12 +200,12 @@ impl Runs<'_> {
                 let angles = turns.map(|turn| way * turn);
                 let turned =
                     [0, 1].map(|motor| wrapped(offsets[motor] + angles[motor].to_degrees()));
-                desk.set_each("electrical_offset", turned)?;
-                desk.arm(speed)?;
+                subject.set_each("electrical_offset", turned)?;
+                subject.arm(speed)?;
                 for frequency in [frequency, -frequency] {
                     // Turning round takes twice the ramp.
                     let ramping = Duration::from_secs_f64(2.0 * frequency.abs() / self.ramp);
-                    for (motor, steady) in desk
+                    for (motor, steady) in subject
                         .long_steady(speed, frequency, ramping, CAPTURES)?
                         .into_iter()
                         .enumerate()
@@ -219,7 +220,7 @@ impl Runs<'_> {
                         });
                     }
                 }
-                desk.disarm(speed, braked_from)?;
+                subject.disarm(speed, braked_from)?;
             }
             let mut latencies = [0.0; 2];
             for motor in [0, 1] {
@@ -237,9 +238,9 @@ impl Runs<'_> {
                 return Err(CommissionError::Found(finding));
             }
             latency = ((latencies[0] + latencies[1]) / 2.0).clamp(0.0, LONGEST_LATENCY);
-            desk.set("encoder_latency", 1e6 * latency)?;
+            subject.set("encoder_latency", 1e6 * latency)?;
         }
-        desk.set_each("electrical_offset", offsets)?;
+        subject.set_each("electrical_offset", offsets)?;
         Ok(latency)
     }
 }

@@ -24,7 +24,7 @@ use flix_protocol::units::Instant;
 
 use super::{Column, seconds};
 use crate::link::is_reached;
-use crate::nav::{Decision, Position, Resting, Stop};
+use crate::nav::{Decision, EndReason, Position, Resting};
 use crate::pilot::Helm;
 use crate::pose::{Picture, Pose, PoseSample, Quaternion, Vector};
 
@@ -188,7 +188,7 @@ pub struct Air {
     robot: Clock,
     seen: Vec<Seen>,
     heard: Vec<Heard>,
-    stop: Option<Stop>,
+    stop: Option<EndReason>,
 }
 
 impl Air {
@@ -251,7 +251,7 @@ impl Air {
         (self.phase, self.since) = (phase, Some(now));
     }
 
-    fn end(&mut self, stop: Stop) -> Decision {
+    fn end(&mut self, stop: EndReason) -> Decision {
         self.stop = Some(stop.clone());
         Decision::Stopped(stop)
     }
@@ -261,7 +261,7 @@ impl Air {
             self.enter(now, Phase::Resting);
         }
         if waited > self.settings.pose_patience {
-            return self.end(Stop::PoseLost { waited });
+            return self.end(EndReason::PoseLost { waited });
         }
         Decision::Rest(match self.newest {
             None => Resting::NoPoseYet,
@@ -280,7 +280,7 @@ impl Air {
             Phase::SpeedingUp if self.is_at_speed => self.enter(now, Phase::Settling),
             Phase::SpeedingUp if passed > SPEED_PATIENCE => {
                 let (f, theta) = (setpoint.frequency(), setpoint.direction());
-                return self.end(Stop::Experiment(format!(
+                return self.end(EndReason::Experiment(format!(
                     "the rotors do not reach {f} at {theta} within {} s: see the battery with `flix status`",
                     SPEED_PATIENCE.as_secs()
                 )));
@@ -300,7 +300,7 @@ impl Air {
                     Err(trouble) => {
                         self.attempts += 1;
                         if self.attempts == ATTEMPTS {
-                            return self.end(Stop::Experiment(trouble.to_string()));
+                            return self.end(EndReason::Experiment(trouble.to_string()));
                         }
                     }
                 }
@@ -327,7 +327,7 @@ impl Helm for Air {
             }
             None => {
                 self.stop.get_or_insert_with(|| {
-                    Stop::Experiment(
+                    EndReason::Experiment(
                         "the poses do not state when they were taken, and the phase of the rotors changes by 13 degrees a \
                          millisecond: stream NatNet 3.0 or later, or JSON with \"time\""
                             .to_owned(),
@@ -362,7 +362,7 @@ impl Helm for Air {
         let away =
             self.start.zip(self.newest).map_or(0.0, |(start, (_, at))| start.distance_to(at));
         if away > REACH {
-            return self.end(Stop::Experiment(format!(
+            return self.end(EndReason::Experiment(format!(
                 "the robot is {away:.2} m from where it hung: hang it on short cords, clear of the floor"
             )));
         }

@@ -8,8 +8,8 @@ use super::{Client, LinkError, TELEMETRY_LAG, TRY_AGAIN, Update, passes_by_itsel
 /// How often a robot is armed again whose motors coast because commands stayed away while it aligned them.
 const MOST_ARMINGS: u32 = 3;
 
-/// A robot that is being armed, without a clock and a socket. With the first request rest is
-/// [held](Client::hold), which keeps an armed robot armed.
+/// A robot that is being armed, without a clock and a socket. The first request also [holds](Client::hold) rest, whose
+/// repetition keeps an armed robot armed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arming {
     phase: Phase,

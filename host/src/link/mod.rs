@@ -7,12 +7,12 @@
 //! # What the client does by itself
 //!
 //! - **Sign of life**: every [`KEEP_ALIVE`] it sends the held setpoint, or a ping when none is held,
-//!   so the robot's command deadline ([`flix_protocol::failsafe`]) is met with
-//!   four datagrams to spare.
+//!   so the robot hears from it four times before it warns, and eleven times before its command deadline
+//!   ([`flix_protocol::failsafe`]).
 //! - **Requests** (arm, parameters, ...) carry a number and are repeated every [`REQUEST_RETRY`]
 //!   until answered or [`REQUEST_PATIENCE`] is over. All commands are idempotent. One that was too
-//!   old when it arrived ([`Refusal::Late`]) is repeated at once. What would move the robot or clear it, and was asked before the
-//!   robot halted by itself, is given up: the robot refuses it, too.
+//!   old when it arrived ([`Refusal::Late`]) is repeated at once. When the robot halts by itself,
+//!   requests to arm, to clear and for a trial are given up: the robot would refuse them.
 //! - **Stop** comes before everything: held setpoint and pending requests are dropped, and stop is
 //!   repeated every [`STOP_RETRY`] until the robot acknowledges it, also over reconnections, and without a session
 //!   while there is none: another operator may hold the robot.

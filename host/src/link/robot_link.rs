@@ -18,8 +18,14 @@ pub(super) const DISARM_PATIENCE: Duration = Duration::from_secs(2);
 /// Longest time that passes between two looks at what has come.
 pub(super) const LONGEST_WAIT: Duration = Duration::from_millis(20);
 
-/// A robot over its link: on a socket in real time ([`super::udp::Connection`]), or simulated. It takes a client, its time and a
-/// way to let time pass; the rest follows.
+/// A robot over its link: on a socket in real time ([`super::udp::Connection`]), or simulated. Implement
+/// [`operate`](RobotLink::operate) and [`wait`](RobotLink::wait); every other method is provided.
+///
+/// | request | asked again | a refusal is |
+/// |---|---|---|
+/// | [`request`](RobotLink::request) | no | an answer |
+/// | [`insist`](RobotLink::insist) | while the robot's state passes by itself | an answer |
+/// | [`ask`](RobotLink::ask) | while the robot's state passes by itself | an error |
 ///
 /// What waits for something in a session ends where the session does, with [`LinkError::Connect`], [`LinkError::Revoked`],
 /// [`LinkError::Silent`], [`LinkError::Back`] or [`LinkError::Left`], and where time does not pass any more, with what

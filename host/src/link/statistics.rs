@@ -83,7 +83,7 @@ impl Statistics {
         self.answered
     }
 
-    /// Returns the number of commands without.
+    /// Returns the number of commands without a reply within [`ANSWER_TIME`].
     #[must_use]
     pub const fn unanswered(&self) -> u64 {
         self.unanswered
@@ -114,7 +114,7 @@ impl Statistics {
         quantile(self.round_trips.iter().copied().collect(), share)
     }
 
-    /// Returns the same of the commands that [`Statistics::answered`] counts.
+    /// Returns the round trip that this share (0 to 1) of the commands that [`Statistics::answered`] counts does not exceed.
     #[must_use]
     pub fn counted_quantile(&self, share: f64) -> Option<Duration> {
         quantile(self.counted.iter().copied().collect(), share)

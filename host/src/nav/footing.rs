@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use flix_protocol::units::Instant;
 
-use super::Stop;
+use super::EndReason;
 use crate::pose::{MOST_TILT, PoseSample};
 
 /// Rise above the first pose from which a robot is carried, m: a jump of the markers of a walking robot is below 0.01 m.
@@ -26,16 +26,16 @@ pub struct Footing {
 
 impl Footing {
     /// Takes a pose; returns why the robot has to stop, once it has been off its feet for 0.1 s.
-    pub fn observe(&mut self, sample: &PoseSample) -> Option<Stop> {
+    pub fn observe(&mut self, sample: &PoseSample) -> Option<EndReason> {
         if !sample.valid || !sample.pose.is_sound() {
             return None;
         }
         let (tilt, height) = (sample.pose.tilt(), sample.pose.position.z);
         let rise = height - *self.ground.get_or_insert(height);
         let stop = if tilt > MOST_TILT {
-            Stop::Tilted { degrees: tilt.to_degrees() }
+            EndReason::Tilted { degrees: tilt.to_degrees() }
         } else if rise > CARRIED {
-            Stop::Lifted { rise }
+            EndReason::Lifted { rise }
         } else {
             self.off_since = None;
             return None;
@@ -60,7 +60,7 @@ mod tests {
     }
 
     /// What a second of poses after one on the floor leads to.
-    fn after(height: f64, roll: f64) -> Option<Stop> {
+    fn after(height: f64, roll: f64) -> Option<EndReason> {
         let mut footing = Footing::default();
         assert_eq!(footing.observe(&sample(0, 0.06, 0.0)), None);
         (1..100).find_map(|number| footing.observe(&sample(10 * number, height, roll)))
@@ -68,9 +68,9 @@ mod tests {
 
     #[test]
     fn a_robot_that_is_carried_or_lies_on_its_side_or_back_stops() {
-        assert!(matches!(after(0.12, 0.0), Some(Stop::Lifted { .. })));
+        assert!(matches!(after(0.12, 0.0), Some(EndReason::Lifted { .. })));
         for roll in [1.1, -1.6, std::f64::consts::PI] {
-            assert!(matches!(after(0.06, roll), Some(Stop::Tilted { .. })), "{roll}");
+            assert!(matches!(after(0.06, roll), Some(EndReason::Tilted { .. })), "{roll}");
         }
         assert_eq!((after(0.1, 0.0), after(0.02, 0.9)), (None, None), "it rocks and walks");
     }

@@ -15,11 +15,11 @@ use std::time::Duration;
 use flix_protocol::message::{Setpoint, Telemetry};
 use flix_protocol::units::Instant;
 
+use super::end_reason::EndReason;
 use super::estimator::mean_twist;
 use super::modes::{Mode, ModeTable, ModeTableError, Spread};
 use super::navigator::{Decision, Navigator, Resting, Settings, Task};
 use super::standstill::Standstill;
-use super::stop::Stop;
 use crate::link::is_reached;
 use crate::pose::PoseSample;
 use crate::pose::geometry::{Area, PlanarPose, Position, Twist, wrap};
@@ -94,7 +94,7 @@ pub struct Identification {
     lost_speed: bool,
     /// Voltage of the battery as of the last rest, V.
     battery: Option<f32>,
-    stop: Option<Stop>,
+    stop: Option<EndReason>,
     /// Where the robot began.
     start: Option<Position>,
     /// Distance from there at which the stretch began, m.
@@ -200,14 +200,14 @@ impl Identification {
             && !self.settings.fence.contains(pose.position())
         {
             let (at, fence) = (pose.position(), self.settings.fence);
-            return self.end(Stop::OutsideFence { at, fence });
+            return self.end(EndReason::OutsideFence { at, fence });
         }
         if let (Some(volts), Some(least)) = (self.battery, self.settings.least_battery)
             && self.begun.is_none()
             && self.current < self.total()
             && volts < least
         {
-            return self.end(Stop::Battery { volts, least });
+            return self.end(EndReason::Battery { volts, least });
         }
         let decision = self.walk_back(now).unwrap_or_else(|| self.drive(now));
         let walks = matches!(decision, Decision::Drive { .. });
@@ -215,7 +215,7 @@ impl Identification {
             let walked = self.standstill.watch(now, walks, &pose);
             // One mode may fail to move a robot; two in a row are no accident.
             if walked >= 2 * self.settings.stretch {
-                return self.end(Stop::NotMoving { walked });
+                return self.end(EndReason::NotMoving { walked });
             }
         }
         decision
@@ -315,13 +315,13 @@ impl Identification {
         (self.begun, self.ended, self.window) = (None, None, None);
         self.seen.clear();
         if waited > self.settings.pose_patience {
-            return self.end(Stop::PoseLost { waited });
+            return self.end(EndReason::PoseLost { waited });
         }
         let reason = if self.trusted.is_none() { Resting::NoPoseYet } else { Resting::PoseTooOld };
         Decision::Rest(reason)
     }
 
-    fn end(&mut self, stop: Stop) -> Decision {
+    fn end(&mut self, stop: EndReason) -> Decision {
         self.stop = Some(stop.clone());
         Decision::Stopped(stop)
     }
@@ -438,7 +438,7 @@ mod tests {
                 _ => None,
             }
         });
-        assert!(matches!(end, Some(Stop::NotMoving { .. })), "{end:?}");
+        assert!(matches!(end, Some(EndReason::NotMoving { .. })), "{end:?}");
     }
 
     #[test]
@@ -472,7 +472,7 @@ mod tests {
             identification.hear(now, &Telemetry { bus_voltage, ..telemetry(0.0) });
             identification.decide(now)
         };
-        let low = Stop::Battery { volts: 9.5, least: 9.9 };
+        let low = EndReason::Battery { volts: 9.5, least: 9.9 };
         assert_eq!(ending(9.5, false), Decision::Stopped(low));
         assert!(matches!(ending(10.5, false), Decision::Drive { .. }));
         assert!(matches!(ending(9.5, true), Decision::Drive { .. }));
@@ -483,6 +483,6 @@ mod tests {
         let mut identification = identified(1);
         identification.current = 0;
         let end = identification.decide(Instant::from_micros(2_000_000_000));
-        assert!(matches!(end, Decision::Stopped(Stop::PoseLost { .. })), "{end:?}");
+        assert!(matches!(end, Decision::Stopped(EndReason::PoseLost { .. })), "{end:?}");
     }
 }

@@ -17,6 +17,7 @@
 //! [`PlanarPose`] fix frame and units: world frame ENU, metres, radians counter-clockwise.
 
 mod belief;
+mod end_reason;
 mod estimator;
 mod experience;
 mod footing;
@@ -29,11 +30,11 @@ mod pace;
 mod path;
 mod predictive;
 mod standstill;
-mod stop;
 mod two_state;
 mod weights;
 
 pub use crate::pose::geometry::{Area, NotAPosition, NotAnArea, PlanarPose, Position, Twist, wrap};
+pub use end_reason::EndReason;
 pub use estimator::mean_twist;
 pub use experience::{Experience, ExperienceError, Factor, Walks};
 pub(crate) use footing::Footing;
@@ -46,7 +47,6 @@ pub use navigator::{
     Repertoire, Resting, Settings, Task, UnknownController,
 };
 pub use path::{Path, PathError, Projection};
-pub use stop::Stop;
 pub use two_state::MissingTurn;
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::Instant;
 
+use super::end_reason::EndReason;
 use super::estimator::Estimator;
 use super::experience::Experience;
 use super::modes::ModeTable;
@@ -20,7 +21,6 @@ use super::outlook::Outlook;
 use super::path::Path;
 use super::predictive::{Goal, Prospects};
 use super::standstill::Standstill;
-use super::stop::Stop;
 use super::two_state::{LOOK_AHEAD, MissingTurn, TwoState};
 use super::weights::Weights;
 use crate::pose::PoseSample;
@@ -155,7 +155,7 @@ pub enum Decision {
     /// The task is done; rest.
     Finished,
     /// The run ended early; stop the robot.
-    Stopped(Stop),
+    Stopped(EndReason),
 }
 
 /// Why the robot rests for now.
@@ -233,7 +233,7 @@ pub struct Navigator {
     /// Arc length at which a closed path was joined.
     joined_at: f64,
     progress: Progress,
-    stop: Option<Stop>,
+    stop: Option<EndReason>,
     finished: bool,
     standstill: Standstill,
     /// Where the robot may be on its way into the fence.
@@ -434,7 +434,7 @@ impl Navigator {
         }
         let walked = self.standstill.watch(now, walks, &self.measured);
         if walked >= self.settings.standstill_patience {
-            return Some(self.stop(now, Stop::NotMoving { walked }));
+            return Some(self.stop(now, EndReason::NotMoving { walked }));
         }
         if let Some(stop) = self.breach() {
             return Some(self.stop(now, stop));
@@ -448,7 +448,7 @@ impl Navigator {
     }
 
     /// Ends the run early.
-    pub fn stop(&mut self, now: Instant, stop: Stop) -> Decision {
+    pub fn stop(&mut self, now: Instant, stop: EndReason) -> Decision {
         self.command(now, REST);
         self.stop = Some(stop.clone());
         Decision::Stopped(stop)
@@ -463,27 +463,27 @@ impl Navigator {
 
     fn wait_for_pose(&mut self, now: Instant, waited: Duration) -> Decision {
         if waited > self.settings.pose_patience {
-            return self.stop(now, Stop::PoseLost { waited });
+            return self.stop(now, EndReason::PoseLost { waited });
         }
         self.command(now, REST);
         let reason = if self.trusted.is_none() { Resting::NoPoseYet } else { Resting::PoseTooOld };
         Decision::Rest(reason)
     }
 
-    fn breach(&self) -> Option<Stop> {
+    fn breach(&self) -> Option<EndReason> {
         let at = self.measured.position();
         let fence = self.corridor.unwrap_or(self.settings.fence);
         if !fence.contains(at) {
-            return Some(Stop::OutsideFence { at, fence });
+            return Some(EndReason::OutsideFence { at, fence });
         }
         let (error, limit) = (self.progress.error.abs(), self.settings.error_limit);
         if !matches!(self.task, Task::Follow { .. }) {
             return None;
         }
         if !self.progress.joined && self.settings.approach == Approach::Off {
-            return Some(Stop::NotOnPath { error, limit: JOINED_WITHIN });
+            return Some(EndReason::NotOnPath { error, limit: JOINED_WITHIN });
         }
-        (self.progress.joined && error > limit).then_some(Stop::OffPath { error, limit })
+        (self.progress.joined && error > limit).then_some(EndReason::OffPath { error, limit })
     }
 
     fn is_done(&self, now: Instant) -> bool {

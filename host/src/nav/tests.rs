@@ -313,7 +313,7 @@ fn poses_that_are_not_trusted_do_not_keep_the_robot_walking() {
 fn poses_lost_for_long_end_the_run() {
     let mut run = under_way();
     let end = run.navigator.decide(after(&run, 6000));
-    assert!(matches!(end, Decision::Stopped(Stop::PoseLost { .. })), "{end:?}");
+    assert!(matches!(end, Decision::Stopped(EndReason::PoseLost { .. })), "{end:?}");
     let fresh = run.walker.sample(after(&run, 6010));
     run.navigator.observe(&fresh);
     assert_eq!(run.navigator.decide(after(&run, 6010)), end, "an ended run stays ended");
@@ -348,7 +348,7 @@ fn too_far_from_the_path_the_run_ends_and_says_how_far() {
     let sample = run.walker.sample(after(&run, 10));
     run.navigator.observe(&sample);
     let decision = run.navigator.decide(after(&run, 10));
-    assert!(matches!(decision, Decision::Stopped(Stop::OffPath { .. })), "{decision:?}");
+    assert!(matches!(decision, Decision::Stopped(EndReason::OffPath { .. })), "{decision:?}");
 }
 
 /// Modes of a minute's run whose beginning was seen: the one before, itself, and how long it was kept.
@@ -425,7 +425,7 @@ fn poses_that_stand_still_while_the_robot_walks_end_the_run() {
             _ => None,
         }
     });
-    assert!(matches!(end, Some(Stop::NotMoving { .. })), "{end:?}");
+    assert!(matches!(end, Some(EndReason::NotMoving { .. })), "{end:?}");
 }
 
 #[test]
@@ -440,7 +440,7 @@ fn a_robot_outside_the_fence_walks_to_its_path_when_that_is_asked_for() {
         run.until_end(300.0);
         run.last
     };
-    assert!(matches!(run(Approach::Inside), Decision::Stopped(Stop::OutsideFence { .. })));
+    assert!(matches!(run(Approach::Inside), Decision::Stopped(EndReason::OutsideFence { .. })));
     assert_eq!(run(Approach::Anywhere), Decision::Finished);
 }
 
@@ -475,7 +475,7 @@ fn a_robot_away_from_its_path_walks_there_unless_that_is_forbidden() {
                     );
                 }
                 _ => assert!(
-                    matches!(run.last, Decision::Stopped(Stop::NotOnPath { .. })),
+                    matches!(run.last, Decision::Stopped(EndReason::NotOnPath { .. })),
                     "{start:?}: {:?}",
                     run.last
                 ),

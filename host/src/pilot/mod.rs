@@ -19,7 +19,7 @@ use flix_protocol::units::Instant;
 
 use crate::link::{ARM_PATIENCE, Arming, Client, LinkError, REVOKED_PATIENCE, StopState, Update};
 use crate::nav::{
-    Decision, Footing, Identification, Navigator, PlanarPose, Progress, Resting, Stop,
+    Decision, EndReason, Footing, Identification, Navigator, PlanarPose, Progress, Resting,
 };
 use crate::pose::{LATE, PoseSample};
 use crate::record::{Level, RecordError, Recorder};
@@ -85,7 +85,7 @@ pub enum Ending {
     /// The task is done.
     Finished,
     /// The helm ended it.
-    Stopped(Stop),
+    Stopped(EndReason),
     /// The program was interrupted.
     Interrupted,
     /// The run took longer than it may.

@@ -22,7 +22,7 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::{Degrees, Hertz, Instant};
 use serde::Deserialize;
 
-use crate::nav::{Decision, ModeTable, Navigator, PlanarPose, Progress, Stop, Task};
+use crate::nav::{Decision, EndReason, ModeTable, Navigator, PlanarPose, Progress, Task};
 use crate::pilot::Helm;
 use crate::pose::PoseSample;
 use crate::system;
@@ -223,7 +223,7 @@ impl Helm for Steering {
         if let Some(pose) = self.navigator.pose().filter(|_| !self.is_answered) {
             match process.steer(now, &pose) {
                 Ok(setpoint) => self.commanded = setpoint,
-                Err(trouble) => return self.navigator.stop(now, Stop::Controller(trouble)),
+                Err(trouble) => return self.navigator.stop(now, EndReason::Controller(trouble)),
             }
             self.is_answered = true;
         }

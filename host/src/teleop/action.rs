@@ -25,7 +25,7 @@ impl Mode {
 
     /// Returns f in Hz and theta in degrees (paper, Table IV).
     #[must_use]
-    pub const fn pair(self) -> (f32, f32) {
+    pub const fn pair(self) -> (f64, f64) {
         match self {
             Self::Forward => (-30.0, 30.0),
             Self::LeftTurn => (-30.0, 90.0),
@@ -39,7 +39,7 @@ impl Mode {
     #[must_use]
     pub const fn setpoint(self) -> Setpoint {
         let (frequency, direction) = self.pair();
-        Setpoint::saturating(frequency, direction)
+        Setpoint::saturating(frequency as f32, direction as f32)
     }
 
     /// Returns the name for people.

@@ -10,6 +10,7 @@ use flix_protocol::session::ConnectError;
 use flix_protocol::units::{Hertz, Instant};
 
 use super::action::{Action, Mode};
+use super::attention::Attention;
 use super::floor::Floor;
 use super::scope::{self, Viewer};
 use super::settings::{Answered, Settings};
@@ -136,13 +137,6 @@ pub struct Cockpit {
     attention: Option<Attention>,
 }
 
-/// How long a robot walks on without an operator who shows that he is there, and since when he has not.
-#[derive(Debug, Clone, Copy)]
-struct Attention {
-    patience: Duration,
-    since: Instant,
-}
-
 /// A request to arm or to clear, and until when telemetry may show that it was obeyed.
 #[derive(Debug, Clone, Copy)]
 struct Waiting {
@@ -207,8 +201,7 @@ impl Cockpit {
     }
 
     fn left(&self, now: Instant) -> Option<Duration> {
-        let Attention { patience, since } = self.attention.filter(|_| self.is_walking())?;
-        Some(patience.saturating_sub(now.since(since)))
+        self.attention.filter(|_| self.is_walking()).map(|attention| attention.left(now))
     }
 
     /// Lets the robot rest if the operator has shown no sign for too long, and keeps the heading that is held, as long as poses

@@ -1,9 +1,10 @@
-//! Driving by hand in a terminal.
+//! Driving by hand, in a terminal or a browser.
 //!
-//! [`Cockpit`] keeps the state from [`Action`](action::Action)s and the reports of the link. `flix-cli` converts keys and
+//! [`Cockpit`] is what the operator has before him in either: it keeps the state from [`Action`](action::Action)s and the reports of the link. `flix-cli` converts keys and
 //! sticks to actions, draws the state, and owns the terminal.
 
 pub mod action;
+mod attention;
 pub mod cockpit;
 pub mod floor;
 pub mod page;

@@ -7,9 +7,9 @@ use heapless::Vec;
 
 use super::channel::{Channel, Plain, SendError, split_echo};
 use super::cookie::Cookies;
-use super::history::{LONGEST_COMMAND_AGE, SendTimes};
 use super::key::{Entropy, EphemeralKey, Key, SessionKeys, Signer, same};
 use super::operators::{MAXIMUM_OPERATORS, Operator, Operators};
+use super::send_times::{LONGEST_COMMAND_AGE, SendTimes};
 use super::{
     COOKIE_EPOCHS, HOLDER_SILENCE, SESSION_EXPIRY, SESSION_LIFE, STOP_COOKIE_EPOCHS,
     STOP_COOKIE_LIFE, VERSION,

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use flix_firmware::hardware::{Magnet, TICK_US};
 use flix_host::link::RobotLink;
+use flix_host::teleop::action::Mode;
 use flix_protocol::message::{Command, Telemetry};
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
@@ -13,15 +14,6 @@ use serde::Serialize;
 use crate::pins::BOARD;
 use crate::rig::{PATIENCE, Rig, RigError};
 use flix_esp32c6::CYCLES_PER_SECOND;
-
-/// The paper's five modes (Table IV), and the reversal that the last one is to the one before: Hz, degrees.
-pub const MODES: [(&str, f64, f64); 5] = [
-    ("forward", -30.0, 30.0),
-    ("left turn", -30.0, 90.0),
-    ("right turn", 30.0, 90.0),
-    ("strafe left", 30.0, 30.0),
-    ("strafe right", -30.0, -60.0),
-];
 
 /// The PWM's frequency, Hz.
 pub const PWM_HZ: f64 = flix_firmware::board::PWM_FREQUENCY_HZ as f64;
@@ -312,9 +304,10 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
     rig.seen.shares = [[0.0, f64::INFINITY, 0.0]; 6];
     rig.seen.steps = 0;
     let mut lit_at_ends = 0.0;
-    for (name, f_hz, theta_deg) in MODES {
-        progress(name);
-        report.hold.push(hold(rig, (f_hz, theta_deg), times, current_limit)?);
+    // The last one is a reversal from the one before.
+    for mode in Mode::ALL {
+        progress(mode.name());
+        report.hold.push(hold(rig, mode.pair(), times, current_limit)?);
         lit_at_ends += rig.light();
     }
     let steps = rig.seen.steps.max(1) as f64;
@@ -334,7 +327,7 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
         steps += 1;
         lit += rig.light();
     }
-    report.lit = [lit_at_ends / MODES.len() as f64, lit / f64::from(steps)];
+    report.lit = [lit_at_ends / Mode::ALL.len() as f64, lit / f64::from(steps)];
     report.flash_in_ticks = rig.chip.counters().flash_in_ticks;
     report.early_enables = rig.seen.early_enables;
     report.tick_phase_us = rig.seen.tick_phase_us;

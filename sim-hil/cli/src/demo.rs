@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use flix_host::link::RobotLink;
+use flix_host::teleop::action::Mode;
 use flix_plot::{Chart, Figure, Panel, Series, Stroke, Written, colour};
 use flix_protocol::message::Setpoint;
 use flix_shell::number::whole;
@@ -41,22 +42,11 @@ impl Default for Args {
     }
 }
 
-/// A stretch of the demo.
-struct Scene {
-    name: &'static str,
-    frequency: f64,
-    direction: f64,
+/// Returns the scenes by name, with their pairs: the paper's modes (Table IV), then the last one with its frequency reversed.
+fn scenes() -> impl Iterator<Item = (&'static str, (f64, f64))> {
+    let (f, theta) = Mode::StrafeRight.pair();
+    Mode::ALL.map(|mode| (mode.name(), mode.pair())).into_iter().chain([("reversal", (-f, theta))])
 }
-
-/// Table IV of the paper, then the last pair with its frequency reversed.
-const SCENES: [Scene; 6] = [
-    Scene { name: "linear translation", frequency: -30.0, direction: 30.0 },
-    Scene { name: "left turn", frequency: -30.0, direction: 90.0 },
-    Scene { name: "right turn", frequency: 30.0, direction: 90.0 },
-    Scene { name: "left strafing", frequency: 30.0, direction: 30.0 },
-    Scene { name: "right strafing", frequency: -30.0, direction: -60.0 },
-    Scene { name: "reversal", frequency: 30.0, direction: -60.0 },
-];
 
 /// Time from a command until its scene is measured.
 const SETTLING: Duration = Duration::from_millis(700);
@@ -104,7 +94,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 /// Shows all scenes; whether all are within their limits.
 fn shake(args: &Args) -> Result<bool, Error> {
     let mut operation = bench(Base::Free, args.seed)?;
-    let bar = progress(SCENES.len() as u64 + 1, "shaking");
+    let bar = progress(scenes().count() as u64 + 1, "shaking");
     operation.wait_until_connected()?;
     let current_limit = operation.setting("current_limit")?;
     operation.arm()?;
@@ -123,10 +113,9 @@ fn show_scenes(
     recorder: &mut Recorder,
     bar: &ProgressBar,
 ) -> Result<Vec<Shown>, Error> {
-    SCENES
-        .iter()
-        .map(|scene| {
-            let setpoint = setpoint(scene.frequency, scene.direction)?;
+    scenes()
+        .map(|(name, (frequency, direction))| {
+            let setpoint = setpoint(frequency, direction)?;
             let began_s = operation.now().as_micros() as f64 * 1e-6;
             let mut step = StepMeter::new(setpoint, STEP_BAND);
             let mut hold = HoldMeter::new(setpoint);
@@ -142,7 +131,7 @@ fn show_scenes(
             })?;
             bar.inc(1);
             Ok(Shown {
-                name: scene.name,
+                name,
                 setpoint,
                 began_s,
                 settled_s: step.settled_after(),

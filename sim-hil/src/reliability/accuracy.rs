@@ -39,9 +39,9 @@ const WATCHING: Duration = Duration::from_millis(1500);
 pub struct HoldResult {
     /// What the shaker stood on.
     pub base: Base,
-    /// Commanded.
+    /// Commanded f, Hz.
     pub f_hz: f64,
-    /// Commanded.
+    /// Commanded theta, degrees.
     pub theta_deg: f64,
     /// See [`FREQUENCY_LIMIT_HZ`].
     pub f_rms_hz: f64,
@@ -104,7 +104,7 @@ pub struct Step {
     pub name: &'static str,
     /// From (f, theta), Hz and degrees.
     pub from: (f64, f64),
-    /// To.
+    /// To (f, theta), Hz and degrees.
     pub to: (f64, f64),
 }
 

@@ -1,6 +1,6 @@
 //! Commissioning of robots whose motors nobody knows: how well it finds them, and what it costs them.
 //!
-//! A stranger's motors are of one size and wound differently, as gimbal motors are: turns of the winding change R and L with
+//! Unknown motors are of one size and wound differently, as gimbal motors are: turns of the winding change R and L with
 //! their square and the flux linkage in proportion, about the assumed motor's.
 
 use flix_host::commission::voltage_mode::find_latency;
@@ -8,7 +8,7 @@ use flix_host::commission::{CommissionError, Commissioned, Known};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::stranger::{Watched, known, measured_by_hand, stranger};
+use super::unknown_motors::{Watched, known, measured_by_hand, unknown_motors};
 use super::wiring::{Wiring, search};
 use crate::model::RobotModel;
 use crate::plant::electronics::motor::MotorParameters;
@@ -145,7 +145,7 @@ pub struct Commissioning {
     pub pass: bool,
 }
 
-/// Commissions so many strangers from this seed on. `done` is called after each.
+/// Commissions so many robots of unknown motors from this seed on. `done` is called after each.
 ///
 /// # Errors
 /// When a robot cannot be built.
@@ -158,7 +158,7 @@ pub fn measure(
     let each = seeds
         .par_iter()
         .map(|seed| {
-            let trialled = try_stranger(*seed)?;
+            let trialled = commission_unknown(*seed)?;
             let late = try_in_voltage_mode(*seed)?;
             let searched = search(*seed)?;
             done();
@@ -194,12 +194,12 @@ pub fn measure(
     })
 }
 
-/// Commissions one stranger.
+/// Commissions the robot of one seed.
 ///
 /// # Errors
 /// When it cannot be built.
-pub fn try_stranger(seed: u64) -> Result<Trialled, BenchError> {
-    let model = stranger(seed);
+pub fn commission_unknown(seed: u64) -> Result<Trialled, BenchError> {
+    let model = unknown_motors(seed);
     let drawn = Drawn::of(&model);
     let shaker = model.shaker;
     let mut watched = Watched::power_up(model, seed)?;
@@ -278,12 +278,12 @@ impl VoltageMode {
     }
 }
 
-/// Finds the latency of the same stranger on a board without current sense, its motors measured by hand.
+/// Finds the latency of the same robot on a board without current sense, its motors measured by hand.
 ///
 /// # Errors
 /// When it cannot be built.
 pub(crate) fn try_in_voltage_mode(seed: u64) -> Result<Late, BenchError> {
-    let mut model = stranger(seed);
+    let mut model = unknown_motors(seed);
     model.electrical.sense.current = false;
     let drawn = Drawn::of(&model);
     let mut watched = Watched::power_up(model.clone(), seed)?;

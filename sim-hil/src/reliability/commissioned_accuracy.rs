@@ -18,8 +18,8 @@ use serde::Serialize;
 
 use super::accuracy::{HoldResult, STEPS, Step, StepResult, hold_directions, step_of};
 pub use super::commission::CURRENT_LIMIT_A;
-use super::stranger::{Ammeter, Watched, bench_model, known, measured_by_hand};
-pub use super::stranger::{BY_HAND, LATE_BY_HAND_US};
+use super::unknown_motors::{Ammeter, Watched, bench_model, known, measured_by_hand};
+pub use super::unknown_motors::{BY_HAND, LATE_BY_HAND_US};
 use crate::model::RobotModel;
 use crate::plant::electronics::Electronics;
 use crate::rig::bench::{BASES, Base, BenchError, FREQUENCIES, Subject};

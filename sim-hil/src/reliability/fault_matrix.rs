@@ -8,6 +8,7 @@
 use std::time::Duration;
 
 use flix_host::link::RobotLink;
+use flix_host::teleop::action::Mode;
 use flix_protocol::message::{Fault, State};
 use flix_protocol::units::Instant;
 use rand::{Rng, RngExt, SeedableRng};
@@ -24,10 +25,6 @@ use crate::rig::hardware_fault::{HardwareFault, Injected};
 use crate::rig::lossy_network::ChannelParameters;
 use crate::rig::operation::Operation;
 use crate::rig::simulated::SimulatedRobot;
-
-/// The five pairs (f in Hz, theta in degrees) of the paper's Table IV.
-pub const MODES: [(f64, f64); 5] =
-    [(-30.0, 30.0), (-30.0, 90.0), (30.0, 90.0), (30.0, 30.0), (-30.0, -60.0)];
 
 /// Longest time from when the cause can be known until both rotors are at rest, s.
 pub const REST_LIMIT_S: f64 = 0.6;
@@ -82,9 +79,9 @@ pub struct Cell {
     pub fault: &'static str,
     /// What the shaker stood on.
     pub base: Base,
-    /// Commanded when it went wrong.
+    /// Commanded f when it went wrong, Hz.
     pub f_hz: f64,
-    /// Commanded.
+    /// Commanded theta when it went wrong, degrees.
     pub theta_deg: f64,
     /// When it went wrong.
     pub onset: Onset,
@@ -122,7 +119,7 @@ pub struct Matrix {
 }
 
 /// How many cells a row has.
-pub const CELLS_OF_A_CASE: usize = BASES.len() * MODES.len() * ONSETS.len();
+pub const CELLS_OF_A_CASE: usize = BASES.len() * Mode::ALL.len() * ONSETS.len();
 
 /// Measures the rows that are `wanted` of the matrix of the robot of this seed. `done` is called after each cell.
 ///
@@ -138,7 +135,7 @@ pub fn measure(
     let mut places = Vec::new();
     for case in CASES.iter().filter(|case| wanted(case)) {
         for (base, flash) in BASES.into_iter().zip(&flashes) {
-            for mode in MODES {
+            for mode in Mode::ALL.map(Mode::pair) {
                 places.extend(ONSETS.map(|onset| Place { case, base, mode, onset, seed, flash }));
             }
         }

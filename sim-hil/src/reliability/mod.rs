@@ -16,6 +16,6 @@ pub mod shiver;
 #[cfg(not(target_family = "wasm"))]
 pub mod soak;
 #[cfg(not(target_family = "wasm"))]
-pub mod stranger;
+pub mod unknown_motors;
 #[cfg(not(target_family = "wasm"))]
 pub mod wiring;

@@ -7,7 +7,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
-use super::stranger::{Watched, known, stranger};
+use super::unknown_motors::{Watched, known, unknown_motors};
 use crate::model::RobotModel;
 use crate::model::SIMULATED_BOARD;
 use crate::rig::bench::BenchError;
@@ -44,7 +44,7 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// Counts.
+    /// Counts what was found, by kind.
     #[must_use]
     pub fn of(searched: Vec<Searched>) -> Self {
         let mut kinds = BTreeMap::<_, [usize; 2]>::new();
@@ -65,12 +65,12 @@ impl Wiring {
     }
 }
 
-/// Gives the stranger of this seed each wiring fault in turn, at a motor, phase and strength that chance picks.
+/// Gives the robot of this seed each wiring fault in turn, at a motor, phase and strength that chance picks.
 ///
 /// # Errors
 /// When it cannot be built.
 pub fn search(seed: u64) -> Result<Vec<Searched>, BenchError> {
-    let model = stranger(seed);
+    let model = unknown_motors(seed);
     faults(&model, seed)
         .into_iter()
         .map(|(kind, fault)| {

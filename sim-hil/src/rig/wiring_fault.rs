@@ -24,23 +24,23 @@ pub enum WiringFault {
     ShortedTurns(usize, usize, f64),
     /// An amplifier shows nothing.
     AmplifierDead(usize, usize),
-    /// Its inputs are swapped.
+    /// The inputs of an amplifier are swapped.
     AmplifierInverted(usize, usize),
-    /// Its zero is off by so many counts.
+    /// The zero of an amplifier is off by so many counts.
     AmplifierOffset(usize, usize, i16),
-    /// It shows so many times the current.
+    /// An amplifier shows so many times the current.
     AmplifierGain(usize, usize, f64),
-    /// Both of a motor show so many times the current.
+    /// Both amplifiers of a motor show so many times the current.
     AmplifiersGain(usize, f64),
-    /// It is connected to phase C.
+    /// An amplifier is connected to phase C.
     AmplifierOnC(usize, usize),
-    /// The two of a motor are swapped.
+    /// The two amplifiers of a motor are swapped.
     AmplifiersSwapped(usize),
-    /// One of each motor are swapped.
+    /// An amplifier of one motor is swapped with one of the other.
     AmplifierCrossed(usize),
-    /// Those of both motors are swapped.
+    /// Both motors' amplifiers are swapped.
     AmplifiersCrossed,
-    /// All show so many times the current: the image is another board's.
+    /// All amplifiers show so many times the current: the image is another board's.
     OtherBoard(f64),
     /// The divider shows so many times the voltage.
     Divider(f64),
@@ -48,11 +48,11 @@ pub enum WiringFault {
     EncodersSwapped,
     /// An encoder does not answer.
     EncoderLost(usize),
-    /// Its magnet is far: so much noise, degrees root mean square.
+    /// The magnet of an encoder is far: so much noise, degrees root mean square.
     EncoderNoisy(usize, f64),
-    /// Its magnet does not turn with the shaft.
+    /// The magnet of an encoder does not turn with the shaft.
     EncoderStill(usize),
-    /// Its magnet slips: it turns by this share.
+    /// The magnet of an encoder slips: it turns by this share.
     MagnetSlips(usize, f64),
     /// A rotor is held.
     Blocked(usize),

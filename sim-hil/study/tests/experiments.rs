@@ -9,7 +9,7 @@ use std::time::Duration;
 use flix_host::experiment::air::{Air, AirSettings, COLUMNS};
 use flix_host::experiment::drops::Drops;
 use flix_host::experiment::{Sheet, drops, walks};
-use flix_host::nav::{Identification, IdentificationSettings, PlanarPose, Stop};
+use flix_host::nav::{EndReason, Identification, IdentificationSettings, PlanarPose};
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_protocol::message::Setpoint;
 use flix_protocol::session::Key;
@@ -119,7 +119,7 @@ fn a_robot_that_is_shaken_on_the_floor_is_stopped_before_it_walks_far() {
         }
     };
     let away = course.truth().distance_to(start.position());
-    let Ending::Stopped(Stop::Experiment(sentence)) = &ending else { panic!("{ending:?}") };
+    let Ending::Stopped(EndReason::Experiment(sentence)) = &ending else { panic!("{ending:?}") };
     assert!(sentence.contains("clear of the floor") && away < 0.5, "{sentence}: {away} m");
 }
 

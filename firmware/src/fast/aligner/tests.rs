@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::*;
 use crate::fast::control::bench::HARDWARE;
-use crate::fast::still::{STILL, STILL_TICKS};
+use crate::fast::standstill_and_zero::{STILL, STILL_TICKS};
 use crate::hardware::{Encoder, EncoderReading};
 use crate::settings::Settings;
 use crate::units::Speed;

@@ -8,13 +8,13 @@ use std::path::Path;
 use super::due::{Judge, Reason};
 use super::list::{FILE, List, Record, TABLE, with_record};
 use super::{Args, run_lanes};
-use crate::clone::Clone;
 use crate::marked;
 use crate::run;
+use crate::test_repository::TestRepository;
 use crate::tree::Tree;
 use crate::workspace::Workspace;
 
-impl Clone {
+impl TestRepository {
     /// Writes into the list that all lanes were green at the commit that is checked out.
     fn all_green(&self) {
         let head = self.tree().head().unwrap();
@@ -60,13 +60,13 @@ impl Clone {
 }
 
 /// A workspace: `upper` needs `base`, `inner` lies in the folder of `upper`, `tool` needs `upper` for its tests.
-fn small() -> Clone {
+fn small() -> TestRepository {
     let package = |name: &str, rest: &str| {
         format!("[package]\nname = \"{name}\"\nversion = \"0.1.0\"\nedition = \"2024\"\n{rest}")
             .into_bytes()
     };
     let plain = |text: &str| text.as_bytes().to_vec();
-    let clone = Clone::of([
+    let clone = TestRepository::of([
         (
             "Cargo.toml",
             plain(
@@ -533,7 +533,7 @@ impl Witness {
         closure
     }
 
-    fn owner(clone: &Clone, file: &str) -> Option<String> {
+    fn owner(clone: &TestRepository, file: &str) -> Option<String> {
         Path::new(file).ancestors().skip(1).find_map(|folder| {
             let manifest =
                 std::fs::read_to_string(clone.path("").join(folder).join("Cargo.toml")).ok()?;
@@ -546,7 +546,7 @@ impl Witness {
     }
 
     /// Returns the tracked files that patterns name.
-    fn named(clone: &Clone, patterns: &[String]) -> BTreeSet<String> {
+    fn named(clone: &TestRepository, patterns: &[String]) -> BTreeSet<String> {
         if patterns.is_empty() {
             return BTreeSet::new();
         }
@@ -558,7 +558,7 @@ impl Witness {
     }
 
     /// Returns the inputs of each lane.
-    fn inputs(&self, clone: &Clone) -> BTreeMap<String, BTreeSet<String>> {
+    fn inputs(&self, clone: &TestRepository) -> BTreeMap<String, BTreeSet<String>> {
         let files: Vec<(String, Option<String>)> = Self::named(clone, &["**".into()])
             .into_iter()
             .map(|file| (file.clone(), Self::owner(clone, &file)))
@@ -588,7 +588,7 @@ fn each_input_of_each_lane_here_makes_exactly_those_lanes_due_that_depend_on_it(
     let contents = files
         .iter()
         .filter_map(|file| Some((file.as_str(), std::fs::read(tree.root().join(file)).ok()?)));
-    let clone = Clone::of(contents);
+    let clone = TestRepository::of(contents);
     clone.all_green();
     assert_eq!(clone.due(), [""; 0]);
     let witness = Witness {

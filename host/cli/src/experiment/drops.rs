@@ -12,7 +12,7 @@ use crate::address::RobotArgs;
 use crate::run::PoseArgs;
 use flix_host::experiment::Sheet;
 use flix_host::experiment::drops::{COLUMNS, Drops, HEIGHT, HEIGHTS, NoDrop};
-use flix_host::nav::Stop;
+use flix_host::nav::EndReason;
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::system::interrupt::Interrupt;
@@ -110,7 +110,7 @@ fn watch(
         // Hands cover markers, but not for long.
         let waited = now.since(newest);
         if newest == Instant::START && waited > POSE_PATIENCE {
-            return Err(Error::new(Exit::NoAnswer, Stop::PoseLost { waited }));
+            return Err(Error::new(Exit::NoAnswer, EndReason::PoseLost { waited }));
         }
         let state = if drops.is_held() { "held: release it" } else { "hold it still" };
         bar.set_message(format!("{state:<24} drop {} of {}", drops.count() + 1, args.repeat));

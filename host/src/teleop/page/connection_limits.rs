@@ -1,11 +1,15 @@
 //! Limits of connections to the cockpit's server: who may wait for a page, and for how long.
 //!
-//! Whoever has not shown the token is a stranger. A page shows it in its first datagram, so a stranger gets little time
-//! ([`PATIENCE`]), and few may wait at once ([`MOST_STRANGERS`]): one more turns out the one who has waited longest, of those
-//! behind the address that most wait behind, in the network that most wait in: whoever has many addresses has them in few
-//! networks, of 256 addresses in IPv4 (/24) and of one link in IPv6 (/64). So a page is served while others open sockets without
-//! end, behind its own address too, and the program keeps its descriptors for the robot. A page's stranger is turned out for those
-//! of another network only if in no network more wait than in its own.
+//! A stranger is who has not shown the token. A page shows it in its first packet, so a stranger gets little time
+//! ([`PATIENCE`]), and few may wait at once ([`MOST_STRANGERS`]). One more turns another out, chosen so:
+//!
+//! 1. of those in the network in which most wait (256 addresses of IPv4, /24; one link of IPv6, /64): whoever has many addresses
+//!    has them in few networks;
+//! 2. of these, those behind the address behind which most wait;
+//! 3. of these, the one who has waited longest.
+//!
+//! So a page is served while others open sockets without end, behind its own address, too, and the program keeps its
+//! descriptors for the robot. Strangers of other networks turn a page out only where no network holds more than its own.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::time::Duration;
@@ -14,7 +18,7 @@ use std::time::Duration;
 pub const MOST_STRANGERS: usize = 64;
 /// Sockets at once that have shown the token and take the page.
 pub const MOST_GUESTS: usize = 32;
-/// Time in which a stranger shows the token: a first datagram that is lost is sent again after 1 s, and again after 3 s.
+/// Time in which a stranger shows the token: a first packet that is lost is sent again after 1 s, and again after 3 s.
 pub const PATIENCE: Duration = Duration::from_secs(5);
 /// Time in which whoever has shown the token takes the page: some 100 kB over a slow radio.
 pub const DELIVERY: Duration = Duration::from_secs(10);

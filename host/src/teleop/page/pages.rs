@@ -1,8 +1,8 @@
 //! The open pages: one drives, all watch, and all may stop.
 //!
 //! The page that drives is an operator. Without a sign of life for [`SIGN_OF_LIFE`] the robot rests, without one for
-//! [`LINK_LOST`] it is disarmed, as the robot itself does with a silent link. What it did is not taken up
-//! again: the operator commands anew.
+//! [`LINK_LOST`] it is disarmed, as the robot itself does with a silent link. The walk does not go on by itself
+//! afterwards: the operator commands anew.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;

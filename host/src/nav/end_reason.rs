@@ -8,7 +8,7 @@ use crate::pose::geometry::{Area, Position};
 
 /// Why a run ended early. The robot is at rest then.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Stop {
+pub enum EndReason {
     /// No trusted pose arrived for as long as the run waits.
     PoseLost {
         /// Time since the last one.
@@ -68,7 +68,7 @@ pub enum Stop {
     Experiment(String),
 }
 
-impl Stop {
+impl EndReason {
     /// Returns why poses are missing where the newest came by so much later than the fastest one.
     #[must_use]
     pub(crate) fn of_poses_that_come(self, late: Duration) -> Self {
@@ -79,7 +79,7 @@ impl Stop {
     }
 }
 
-impl fmt::Display for Stop {
+impl fmt::Display for EndReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::PoseLost { waited } => write!(
@@ -143,11 +143,11 @@ mod tests {
 
     #[test]
     fn poses_that_come_late_are_reported_with_their_delay() {
-        let lost = Stop::PoseLost { waited: Duration::from_secs(5) };
+        let lost = EndReason::PoseLost { waited: Duration::from_secs(5) };
         let late = lost.clone().of_poses_that_come(Duration::from_millis(1998)).to_string();
         assert!(late.starts_with("poses come 2.0 s late"), "{late}");
         assert_eq!(lost.clone().of_poses_that_come(LATE), lost);
-        let blocked = Stop::NotMoving { walked: Duration::from_secs(3) };
+        let blocked = EndReason::NotMoving { walked: Duration::from_secs(3) };
         assert_eq!(blocked.clone().of_poses_that_come(LATE * 2), blocked);
     }
 }

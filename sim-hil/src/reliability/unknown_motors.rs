@@ -37,7 +37,7 @@ pub const LATE_BY_HAND_US: f64 = 50.0;
 /// errors to 20 %, with and without a battery divider.
 ///
 #[must_use]
-pub fn stranger(seed: u64) -> RobotModel {
+pub fn unknown_motors(seed: u64) -> RobotModel {
     let mut source = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut share = || source.random::<f64>();
     let mut model = bench_model();
@@ -73,7 +73,7 @@ pub(super) fn bench_model() -> RobotModel {
     }
 }
 
-/// Returns what its owner knows of this seed's stranger: its rotors' inertia, and the battery by a voltmeter.
+/// Returns what its owner knows of the robot of this seed: its rotors' inertia, and the battery by a voltmeter.
 pub(super) fn known(shaker: &Shaker, seed: u64, watched: &Watched) -> Known {
     let mut source = Xoshiro256PlusPlus::seed_from_u64(!seed);
     let error = VOLTMETER_ERROR * (2.0 * source.random::<f64>() - 1.0);

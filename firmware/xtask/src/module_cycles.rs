@@ -1,4 +1,4 @@
-//! Circles among modules: two of one folder that each need the other, directly or by way of more.
+//! A test that no modules depend on each other in a circle: two of one folder that each need the other, directly or by way of more.
 //!
 //! Imports are read as text, tests left out. What a folder's own file (`mod.rs`, `lib.rs`) only passes on (`pub use`) counts
 //! as taken from where it comes. What it defines itself its modules may take, unless it uses them in turn.

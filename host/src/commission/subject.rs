@@ -1,4 +1,4 @@
-//! What commissioning asks of a robot: trials, runs, captures, and settings that can be put back.
+//! The robot that is commissioned: trials, runs, captures, and settings that can be put back.
 
 use std::f64::consts::TAU;
 use std::time::Duration;
@@ -53,8 +53,8 @@ const FULL_IMPULSE: f64 = 8e-3;
 pub(super) type Done<T, S> = Result<T, CommissionError<<S as RobotLink>::Error>>;
 
 /// A robot, and what was changed about it.
-pub(super) struct Desk<'a, S> {
-    pub(super) subject: &'a mut S,
+pub(super) struct Subject<'a, S> {
+    pub(super) robot: &'a mut S,
     changed: Vec<Changed>,
     /// Whether the robot was armed, and so aligned anew.
     is_aligned: bool,
@@ -69,9 +69,9 @@ struct Changed {
     now: f32,
 }
 
-impl<'a, S: RobotLink> Desk<'a, S> {
-    pub(super) const fn new(subject: &'a mut S) -> Self {
-        Self { subject, changed: Vec::new(), is_aligned: false }
+impl<'a, S: RobotLink> Subject<'a, S> {
+    pub(super) const fn new(robot: &'a mut S) -> Self {
+        Self { robot, changed: Vec::new(), is_aligned: false }
     }
 
     /// Returns the settings that are not what they were; whether it is aligned a robot sets itself.
@@ -84,7 +84,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
     /// Disarms, and puts all settings back, the newest first; what the robot refuses stays. An alignment of before does not
     /// come back once there was a new one.
     fn restore(&mut self) {
-        let _ = self.subject.disarm();
+        let _ = self.robot.disarm();
         for Changed { name, before, mark, .. } in
             core::mem::take(&mut self.changed).into_iter().rev()
         {
@@ -140,17 +140,17 @@ impl<'a, S: RobotLink> Desk<'a, S> {
     }
 
     pub(super) fn setting(&mut self, name: &str) -> Done<f64, S> {
-        Ok(self.subject.setting(name)?)
+        Ok(self.robot.setting(name)?)
     }
 
     /// Returns a setting and how it is known.
     pub(super) fn marked(&mut self, name: &str) -> Done<(f64, Option<Mark>), S> {
-        let parameter = self.subject.parameter(name)?;
+        let parameter = self.robot.parameter(name)?;
         Ok((parameter.value.into(), parameter.mark))
     }
 
     fn write(&mut self, name: &str, value: f32, mark: Mark) -> Done<(), S> {
-        self.subject.set_marked(name, value, mark)?;
+        self.robot.set_marked(name, value, mark)?;
         Ok(())
     }
 
@@ -160,7 +160,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
         match self.changed.iter().position(|changed| changed.name == name) {
             Some(index) => self.changed[index].now = value,
             None => {
-                let Parameter { value: before, mark, .. } = self.subject.parameter(name)?;
+                let Parameter { value: before, mark, .. } = self.robot.parameter(name)?;
                 self.changed.push(Changed { name: name.to_owned(), before, mark, now: value });
             }
         }
@@ -178,7 +178,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
     /// Gives the position loops this bandwidth, Hz, or the largest that the robot calls stable beside its other settings.
     pub(super) fn set_position_bandwidth(&mut self, bandwidth: f64) -> Done<(), S> {
         self.set(POSITION_BANDWIDTH, bandwidth)?;
-        match self.subject.insist(Command::Parameter(ParameterCommand::Check))? {
+        match self.robot.insist(Command::Parameter(ParameterCommand::Check))? {
             Outcome::Refused(Refusal::UnstablePosition { position_bandwidth_instead, .. })
                 if position_bandwidth_instead > 0.0 =>
             {
@@ -197,7 +197,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
 
     /// Corrects what the robot takes for the bus voltage.
     pub(super) fn take_battery(&mut self, battery: f64) -> Done<(), S> {
-        let shown = self.subject.telemetry().and_then(|telemetry| telemetry.bus_voltage);
+        let shown = self.robot.telemetry().and_then(|telemetry| telemetry.bus_voltage);
         match shown {
             Some(shown) => {
                 let (shown, entered) = (shown.get(), battery);
@@ -214,7 +214,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
 
     /// Returns the bus voltage as the robot takes it, V.
     pub(super) fn bus(&mut self) -> Done<f64, S> {
-        match self.subject.telemetry().and_then(|telemetry| telemetry.bus_voltage) {
+        match self.robot.telemetry().and_then(|telemetry| telemetry.bus_voltage) {
             Some(shown) => Ok(shown.get().into()),
             None => self.setting("nominal_voltage"),
         }
@@ -222,7 +222,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
 
     /// Returns the faults, where there are any.
     pub(super) fn check(&mut self, step: Step) -> Done<(), S> {
-        match self.subject.telemetry() {
+        match self.robot.telemetry() {
             Some(telemetry) if telemetry.state == State::Faulted => {
                 Err(CommissionError::Faulted { step, faults: telemetry.faults })
             }
@@ -232,7 +232,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
 
     pub(super) fn arm(&mut self, step: Step) -> Done<(), S> {
         self.is_aligned = true;
-        let armed = self.subject.arm();
+        let armed = self.robot.arm();
         self.check(step)?;
         Ok(armed?)
     }
@@ -246,11 +246,11 @@ impl<'a, S: RobotLink> Desk<'a, S> {
             if frequency.abs() <= NEARLY * braked_from {
                 break;
             }
-            self.subject.pause(LOOK)?;
+            self.robot.pause(LOOK)?;
             self.check(step)?;
             frequency = self.frequency();
         }
-        let disarmed = self.subject.disarm();
+        let disarmed = self.robot.disarm();
         self.check(step)?;
         Ok(disarmed?)
     }
@@ -263,7 +263,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
     ) -> Done<(), S> {
         let channels = channels.iter().copied().collect();
         let plan = ScopePlan { channels, trigger, before };
-        self.subject.ask(Command::Scope(ScopeCommand::Begin(plan)))?;
+        self.robot.ask(Command::Scope(ScopeCommand::Begin(plan)))?;
         Ok(())
     }
 
@@ -288,25 +288,25 @@ impl<'a, S: RobotLink> Desk<'a, S> {
             if self.halts() != halts {
                 return Err(CommissionError::Lapsed(step));
             }
-            self.subject.pause(LOOK)?;
+            self.robot.pause(LOOK)?;
         }
         Err(CommissionError::Endless(step))
     }
 
     /// Returns how often the robot has halted, as it states.
     pub(super) fn halts(&mut self) -> Option<u8> {
-        self.subject.telemetry().map(|it| it.halts)
+        self.robot.telemetry().map(|it| it.halts)
     }
 
     /// Fetches the capture if it is complete.
     pub(super) fn captured(&mut self, rows: u16) -> Done<Option<Columns>, S> {
-        let mut status = scope::ask(self.subject, ScopeCommand::Status)?;
+        let mut status = scope::ask(self.robot, ScopeCommand::Status)?;
         if status.state != ScopeState::Complete {
             return Ok(None);
         }
         status.rows = status.rows.min(rows);
         let mut capture = Capture::new(status);
-        while scope::fetch(self.subject, &mut capture)? {}
+        while scope::fetch(self.robot, &mut capture)? {}
         Ok(Some(Columns(capture)))
     }
 
@@ -316,28 +316,28 @@ impl<'a, S: RobotLink> Desk<'a, S> {
             if !expected {
                 self.check(step)?;
             }
-            if self.subject.telemetry().is_some_and(|it| it.state == state) {
+            if self.robot.telemetry().is_some_and(|it| it.state == state) {
                 return Ok(());
             }
-            self.subject.pause(LOOK)?;
+            self.robot.pause(LOOK)?;
         }
         Err(CommissionError::Endless(step))
     }
 
     /// Returns f, Hz.
     fn frequency(&mut self) -> f64 {
-        self.subject.telemetry().map_or(0.0, |it| it.frequency.get().into())
+        self.robot.telemetry().map_or(0.0, |it| it.frequency.get().into())
     }
 
     fn hold(&mut self, frequency: f64) {
-        self.subject.hold(Setpoint::saturating(frequency as f32, 0.0));
+        self.robot.hold(Setpoint::saturating(frequency as f32, 0.0));
     }
 
     /// Returns the means of both motors while f is held, Hz, once it has come there by a ramp of so many Hz/s.
     pub(super) fn steady(&mut self, step: Step, frequency: f64, ramp: f64) -> Done<[Steady; 2], S> {
         let gap = (frequency - self.frequency()).abs();
         self.hold(frequency);
-        self.subject.pause(SETTLING + Duration::from_secs_f64(gap / ramp))?;
+        self.robot.pause(SETTLING + Duration::from_secs_f64(gap / ramp))?;
         self.means(step)
     }
 
@@ -350,9 +350,9 @@ impl<'a, S: RobotLink> Desk<'a, S> {
         captures: usize,
     ) -> Done<[Steady; 2], S> {
         self.hold(frequency);
-        self.subject.pause(ramp)?;
+        self.robot.pause(ramp)?;
         self.check(step)?;
-        self.subject.pause(SETTLING)?;
+        self.robot.pause(SETTLING)?;
         let all: Vec<[Steady; 2]> =
             (0..captures).map(|_| self.means(step)).collect::<Result<_, _>>()?;
         Ok([0, 1].map(|motor| {
@@ -424,7 +424,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
         let ramps = if measures_bus { counting } else { (6.0 * counting).min(MOST_RAMPS) } as usize;
         for count in 0..ramps {
             self.begin_capture(&channels, Trigger::Now, 0)?;
-            self.subject.pause(BEFORE_RAMP)?;
+            self.robot.pause(BEFORE_RAMP)?;
             self.hold(if count % 2 == 0 { fast } else { slow });
             let columns = self.capture(Step::Ramps, u16::MAX)?;
             if measures_bus || count % 2 == 0 {
@@ -447,7 +447,7 @@ impl<'a, S: RobotLink> Desk<'a, S> {
     /// Returns what these channels show while f, Hz, is held.
     fn turns(&mut self, channels: &[Channel], frequency: f64) -> Done<Columns, S> {
         self.hold(frequency);
-        self.subject.pause(SETTLING)?;
+        self.robot.pause(SETTLING)?;
         self.begin_capture(channels, Trigger::Now, 0)?;
         self.capture(Step::Ramps, u16::MAX)
     }

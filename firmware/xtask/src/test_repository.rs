@@ -1,4 +1,4 @@
-//! Clones that tests make.
+//! Repositories that tests make.
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
 use std::path::PathBuf;
@@ -8,11 +8,11 @@ use crate::run;
 use crate::tree::Tree;
 
 /// A clone in a folder of its own, which goes with it.
-pub(crate) struct Clone {
+pub(crate) struct TestRepository {
     pub(crate) folder: tempfile::TempDir,
 }
 
-impl Clone {
+impl TestRepository {
     /// Makes a clone of these files, with one commit.
     pub(crate) fn of<'a>(files: impl IntoIterator<Item = (&'a str, Vec<u8>)>) -> Self {
         let clone = Self { folder: tempfile::tempdir().unwrap() };

@@ -1,0 +1,19 @@
+//! How long a robot walks on without a sign of its operator.
+
+use std::time::Duration;
+
+use flix_protocol::units::Instant;
+
+/// How long a robot walks on without an operator who shows that he is there, and since when he has not.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Attention {
+    pub(super) patience: Duration,
+    pub(super) since: Instant,
+}
+
+impl Attention {
+    /// Returns for how long it still walks.
+    pub(super) fn left(self, now: Instant) -> Duration {
+        self.patience.saturating_sub(now.since(self.since))
+    }
+}
