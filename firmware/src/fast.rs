@@ -10,6 +10,7 @@
 //! ```
 //!
 //! [`configuration`] converts the settings to fixed point; [`units`](crate::units) has a type for each quantity.
+//! [`margin`] alone is floating point: the slow half asks it before the robot arms.
 
 mod aligner;
 pub mod configuration;

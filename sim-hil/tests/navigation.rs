@@ -10,7 +10,7 @@ use flix_host::pilot::{Ending, Pilot};
 use flix_protocol::message::State;
 use flix_sim::experiment::course::{Conditions, Course};
 use flix_sim::model::RobotModel;
-use flix_sim::rig::mode_table::shipped_table;
+use flix_sim::rig::shipped_mode_tables::shipped_table;
 
 const LATENCY: Duration = Duration::from_millis(20);
 

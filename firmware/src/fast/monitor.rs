@@ -1,8 +1,7 @@
 //! What is wrong: each fault that currents, voltages and motion show, debounced.
 //!
-//! Faults that must be found within ticks (over-current, lost encoder, late loop) are looked for in
-//! every tick by [`control`](crate::fast::control); those here build up slowly and are looked at in
-//! one tick of [`DIAGNOSTIC_TICKS`].
+//! A lost encoder and a late loop are looked for by [`control`](crate::fast::control), in every tick; over-current is counted
+//! here, in every tick, too; all else builds up slowly and is looked at in one tick of [`DIAGNOSTIC_TICKS`].
 
 use flix_protocol::message::{Fault, Faults};
 

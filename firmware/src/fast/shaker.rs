@@ -40,15 +40,16 @@
 //! D(j w) = kp - w^2 exp(j w t) + j w kd
 //! ```
 //!
-//! At twice 35 Hz 1 ms is 25 degrees. Left out, it would bring the slowest robots near the 90 degrees at which their theta swings
-//! beside that harmonic.
+//! At twice 35 Hz 1 ms is 25 degrees. Left out, it would bring the phase error of the slowest robots' adaptation near 90 degrees,
+//! where it no longer converges and theta swings.
 //!
-//! All of them are made up for but the second harmonic of the difference, `a (w/w0)^2`. It takes half an ampere at 35 Hz to make up
-//! for, and neither f, the mean of a turn, nor theta, the sum, depends on it. So the reference of the difference follows what the
-//! rotors do by themselves, whatever f is: the error, its speed and the acceleration of
+//! All of them are made up for but the second harmonic of the difference, an acceleration `c (w/w0)^2` with `w0` = 2 pi 35 Hz. It
+//! takes half an ampere at 35 Hz to make up for, and neither f, the mean of a turn, nor theta, the sum, depends on it. So the
+//! reference of the difference follows what the rotors do by themselves, whatever f is: the error, its speed and the acceleration
+//! of
 //!
 //! ```text
-//! n'' = a (w/w0)^2 exp(j 2 phase),    n' = j 2 w n,    n = -a / (4 w0^2) exp(j 2 phase)
+//! n'' = c (w/w0)^2 exp(j 2 phase),    n' = j 2 w n,    n = -c / (4 w0^2) exp(j 2 phase)
 //! ```
 
 #[cfg(test)]

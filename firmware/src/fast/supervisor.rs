@@ -4,11 +4,15 @@
 //!            arm                aligned            setpoint, f not 0
 //! Disarmed --------> Aligning ---------> Armed <---------------------> Running
 //!    ^                  |                  |      f = 0, at rest          |
-//!    |                  | disarm, stop     | disarm, stop, link lost      | disarm, stop, link silent
+//!    |                  | disarm, stop,    | disarm, stop, link lost      | disarm, stop, link silent
+//!    |                  | link silent      |                              |
 //!    +------------------+------------------+------------ Stopping <-------+
-//!    |  clear, at rest                              (at rest)
-//! Faulted <------------------ any fault, from any state
+//!    |  clear: cause gone, 0.5 s since              (at rest)
+//! Faulted <------------------ any fault, from any state but Disarmed
 //! ```
+//!
+//! From Stopping a robot whose link was silent comes to rest in Armed, and runs on when commands come back before. A trial goes
+//! from Disarmed to Aligning and back.
 //!
 //! Settings are taken over where the rotors rest. Aligning, and so arming, begins once they are; where the rotors do not come
 //! to rest, it fails.

@@ -1,6 +1,6 @@
 //! Trials of motors that nobody knows: see [`flix_protocol::message::Trial`].
 //!
-//! No value of the motor is used. The voltage starts from nothing and grows by 1/128 a tick, so that within the time
+//! No value of the motor is used. The voltage starts next to nothing and grows by 1/128 of itself a tick, so that within the time
 //! constant of any motor of this size (2 ms) it gains at most a sixth; the growth ends once the current of a
 //! phase, as its amplifier shows it, reaches the reference. At [`LOOK_VOLTAGE`] the growth waits until a current must show: without one
 //! nothing tells how much flows.

@@ -7,6 +7,7 @@
 mod build_times;
 mod chip;
 mod emulate;
+mod flash;
 mod image;
 mod in_memory;
 mod lanes;
@@ -126,7 +127,7 @@ fn main() -> ExitCode {
         Task::Image(args) => {
             args.elf().and_then(|elf| image::make(args.choice.chip, &elf)).map(drop)
         }
-        Task::Flash(Choice { chip, options }) => toolchain::flash(chip, &options),
+        Task::Flash(Choice { chip, options }) => flash::flash(chip, &options),
         Task::Pil(args) => tick_instructions::run(&args),
         Task::Emulate(args) => emulate::run(&args),
         Task::Size(args) => image::size(&args),

@@ -153,7 +153,7 @@ fn xtensa(chip: Chip, subcommand: &str) -> Option<Command> {
     })
 }
 
-fn for_chip(chip: Chip, subcommand: &str) -> Result<Command, Error> {
+pub(crate) fn for_chip(chip: Chip, subcommand: &str) -> Result<Command, Error> {
     match chip {
         Chip::Esp32c6 => riscv(subcommand),
         Chip::Esp32 | Chip::Esp32s3 => xtensa(chip, subcommand).ok_or_else(|| {
@@ -168,7 +168,7 @@ fn for_chip(chip: Chip, subcommand: &str) -> Result<Command, Error> {
     }
 }
 
-fn choose(command: &mut Command, chip: Chip, options: &Options) {
+pub(crate) fn choose(command: &mut Command, chip: Chip, options: &Options) {
     command.args(["--package", "flix-firmware", "--bin", "flix-robot", "--features"]);
     command.arg(options.features(chip));
 }
@@ -198,18 +198,6 @@ pub(crate) fn build_copy(
     command.current_dir(source).env("CARGO_TARGET_DIR", target).envs(settings.iter().copied());
     run::run(&mut command)?;
     Ok(target.join(chip.target()).join(PROFILE).join("flix-robot"))
-}
-
-/// Builds, flashes by the configured runner, and stays with the log.
-pub(crate) fn flash(chip: Chip, options: &Options) -> Result<(), Error> {
-    if !run::succeeds(run::command("espflash").arg("--version")) {
-        return Err(Error::Sentence(
-            "flashing needs espflash: `cargo install espflash --locked`".into(),
-        ));
-    }
-    let mut command = for_chip(chip, "run")?;
-    choose(&mut command, chip, options);
-    run::run(command.stdin(std::process::Stdio::inherit()))
 }
 
 /// Type-checks a chip's firmware, every variant of it unless one is named.

@@ -7,8 +7,9 @@
 //! its windows, in the body frame; the spread of a mode is the standard deviation between its
 //! stretches.
 //!
-//! The robot stays within [`REACH`] of where it began: a stretch ends early there. Farther away than
-//! [`FAR`] it walks back before the next stretch, and at the end, in the modes identified so far.
+//! A stretch ends early [`REACH`] from where the robot began, and ramping down takes up to 0.1 m more. Farther away than
+//! [`FAR`] it walks back before the next stretch, and at the end, in modes that were known before or, once there are
+//! enough, those identified so far.
 
 use std::time::Duration;
 

@@ -8,8 +8,8 @@
 //!   (`predictive`); the **two-state** controller is the paper's (`two_state`).
 //! - The **learned** controller searches as the predictive one does, but has no table: it begins with the
 //!   [`Experience`] of many robots, keeps a belief about the one at hand, and judges by its pace and its outlook.
-//! - The **estimator** predicts the pose for the moment when a command arrives, by the latency of the path, and
-//!   adapts the motion of each mode to what is measured.
+//! - The **estimator** predicts the pose for the moment when a command sent now is obeyed, by the latency of
+//!   link and robot, and adapts the motion of each mode to what is measured.
 //! - A **decision** is what to command now ([`Navigator::decide`]).
 //! - **Identification** measures the motion of each mode ([`Identification`]).
 //!

@@ -1,7 +1,7 @@
 //! The search of the default and of the learned controller: chooses the mode whose predicted future is best.
 //!
-//! It looks [`SEGMENTS`] segments of [`SEGMENT`] seconds ahead. In each segment the robot may be in
-//! any mode; every sequence is simulated with the response of the robot (ramps, reversals) and costs
+//! It looks [`SEGMENTS`] segments of [`SEGMENT`] seconds ahead. In each segment every mode is tried
+//! (rest only towards a point), with the response of the robot (ramps, reversals); a sequence costs
 //!
 //! ```text
 //! J = integral of error(t) dt  -  reward for progress  +  switches  +  terminal cost
@@ -102,8 +102,8 @@ impl<'a> Prospects<'a> {
         }
     }
 
-    /// Returns the mode to command now. `pose` and `gait`: as predicted for the moment when a
-    /// command sent now arrives.
+    /// Returns the mode to command now. `pose` and `gait`: as the [`Estimator`](super::estimator::Estimator) predicts them for
+    /// the moment when a command sent now arrives.
     #[must_use]
     pub fn best_mode(&self, pose: PlanarPose, gait: Gait, goal: Goal<'_>) -> usize {
         let arc_length = match goal {

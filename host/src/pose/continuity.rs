@@ -6,8 +6,8 @@
 //! next older; the reach in the time `dt` is [`REACH`]` + `[`FASTEST`]` * dt` and [`TURN`]` +
 //! `[`FASTEST_TURN`]` * dt`. Two streams therefore contradict each other and neither is trusted, unless
 //! they differ by less than the reach: beside a true stream of 100 poses per second a stranger can displace
-//! the poses by 4 cm and 0.3 rad for long. For less than the time from one true pose to the next, and not again
-//! for [`STEADY_TIME`], it is 10 cm: the older pose keeps him from creeping away in many small steps. A robot
+//! the poses by 4 cm and 0.3 rad for long: the older pose keeps him from creeping away in many small steps. A burst between two
+//! true poses can displace them by 10 cm; the next true one then breaks the trust for [`STEADY_TIME`]. A robot
 //! that is carried to another place is trusted again [`STEADY_TIME`] after it was put down.
 
 use std::time::Duration;

@@ -199,7 +199,7 @@ impl PlanarPose {
     }
 
     /// Returns the pose after motion with a constant `twist` for `seconds` (midpoint rule: exact to
-    /// third order in the angle turned).
+    /// second order in the angle turned).
     #[must_use]
     pub fn moved(&self, twist: Twist, seconds: f64) -> Self {
         let turn = twist.yaw * seconds;

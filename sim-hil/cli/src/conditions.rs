@@ -12,7 +12,7 @@ use super::arguments::{ModelArgs, parse_time};
 use super::error::Error;
 use flix_sim::experiment::course::Conditions;
 use flix_sim::experiment::walk::require_walker;
-use flix_sim::rig::mode_table::shipped_table;
+use flix_sim::rig::shipped_mode_tables::shipped_table;
 
 /// Robot, link and seed of a closed-loop run.
 #[derive(Debug, Clone, clap::Args)]

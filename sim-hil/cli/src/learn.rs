@@ -8,7 +8,7 @@ use flix_shell::number::whole;
 use super::arguments::ModelArgs;
 use super::error::Error;
 use super::output::{print, progress};
-use flix_study::experience::{Plan, gain};
+use flix_study::learn::{Plan, gain};
 
 /// Let many robots of a kind walk, for the learned controller
 ///

@@ -7,7 +7,7 @@
 //! | [`plant`] | [`plant::mechanics`] (rotors, body, four soft legs, contact), [`plant::electronics`] (motors, bridges, battery, sensors) |
 //!
 //! A model file to a physics step: `model` (TOML, checked) -> `plant::mechanics::build` (constants and state) ->
-//! `plant::mechanics::system` (one implicit step of all legs at once).
+//! `plant::mechanics::system` (one implicit step of the whole robot).
 
 pub mod model;
 pub mod plant;

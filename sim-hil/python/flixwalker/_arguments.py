@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,19 @@ WHOLE, NUMBERS = "iu", "iuf"
 MOST_THREADS = 1024
 
 
-def _is_whole(value: Any) -> bool:
+def is_whole(value: Any) -> bool:
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
-def _holds_a_bool(values: Any) -> bool:
-    """Return whether a list, or one in it, holds one: numpy takes it for 1 or 0 beside numbers."""
-    return any(isinstance(it, (bool, np.bool_)) or isinstance(it, (list, tuple)) and _holds_a_bool(it) for it in values)
+def _stranger(values: Any) -> str | None:
+    """Return what a list, or one in it, holds that numpy takes for numbers: true for 1, bytes, what is masked."""
+    if isinstance(values, (list, tuple)):
+        return next((found for found in map(_stranger, values) if found), None)
+    if isinstance(values, (bool, np.bool_)) or getattr(values, "dtype", None) == bool:
+        return "true or false"
+    if isinstance(values, (bytes, bytearray, memoryview)):
+        return "bytes"
+    return "masked values" if np.ma.is_masked(values) else None
 
 
 def of_kind(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
@@ -29,17 +36,18 @@ def of_kind(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
     ValueError
         If they are not, or some are masked.
     """
-    if np.ma.is_masked(values):
-        raise ValueError(f"{name} has masked values: fill them first")
-    if isinstance(values, (bytes, bytearray, memoryview)):
-        raise ValueError(f"{name} is bytes: give {what}")
+    if isinstance(values, Iterator):
+        values = list(values)
+    if isinstance(values, (set, frozenset)):
+        raise ValueError(f"{name} is a set, which has no order: give {what}")
     array = np.asarray(values)
-    if array.dtype.kind in NUMBERS and isinstance(values, (list, tuple)) and _holds_a_bool(values):
-        raise ValueError(f"{name} holds true or false among numbers: give {what}")
+    found = _stranger(values)
+    if found and not (found == "true or false" and "b" in kinds and array.dtype.kind == "b"):
+        raise ValueError(f"{name} holds {found}: give {what}")
     if array.dtype.kind == "f" and "f" not in kinds and not hasattr(values, "dtype"):
         # Numpy makes floats of a list in which some whole numbers take 64 bits.
         array = np.array(values, dtype=object)
-    if array.dtype.kind == "O" and array.size and all(_is_whole(value) for value in array.flat):
+    if array.dtype.kind == "O" and array.size and all(is_whole(value) for value in array.flat):
         # Whole numbers that fit no type together, such as seeds of 64 bits beside small ones.
         return array
     if array.dtype.kind not in kinds and not array.size:
@@ -62,14 +70,17 @@ def numbers(name: str, values: Any) -> np.ndarray:
     return _array(name, values, NUMBERS, "numbers").astype(np.float64)
 
 
-def table(name: str, values: Any) -> np.ndarray:
-    """Return numbers in any shape as an array."""
-    return np.ascontiguousarray(of_kind(name, values, NUMBERS, "numbers"), dtype=np.float64)
+def table(name: str, values: Any, dimensions: int | None = None) -> np.ndarray:
+    """Return numbers in any shape, or of so many dimensions, as an array."""
+    array = of_kind(name, values, NUMBERS, "numbers")
+    if dimensions is not None and array.ndim != dimensions:
+        raise ValueError(f"{name} has the shape {array.shape}: give one of {dimensions} dimensions")
+    return np.ascontiguousarray(array, dtype=np.float64)
 
 
 def threads(count: Any) -> int | None:
     """Return how many threads are meant; none means one for each core."""
-    if count is not None and not (_is_whole(count) and 1 <= count <= MOST_THREADS):
+    if count is not None and not (is_whole(count) and 1 <= count <= MOST_THREADS):
         raise ValueError(f"threads is {count!r}: choose 1 to {MOST_THREADS}, or none for one a core")
     return count
 

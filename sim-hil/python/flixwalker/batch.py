@@ -14,6 +14,12 @@ def _restored(kind: type[Batch], state: bytes, threads: int | None) -> Batch:
     return _flixwalker.Batch.__new__(kind, [], "single", threads, state)
 
 
+def _each(models: Sequence[Model]) -> list[Model]:
+    if isinstance(models, (Model, str)):
+        raise TypeError(f"models is {models!r}: give a list, one a robot, such as [model] * 32")
+    return list(models)
+
+
 class Batch(_flixwalker.Batch):
     """Create robots that stand still at the origin, shaken at 0 Hz.
 
@@ -54,9 +60,7 @@ class Batch(_flixwalker.Batch):
     def __new__(
         cls, models: Sequence[Model], precision: str = "single", threads: int | None = None
     ) -> Batch:
-        if isinstance(models, (Model, str)):
-            raise TypeError(f"models is {models!r}: give a list, one a robot, such as [model] * 32")
-        return super().__new__(cls, list(models), precision, _arguments.threads(threads))
+        return super().__new__(cls, _each(models), precision, _arguments.threads(threads))
 
     def __reduce__(self) -> tuple[object, ...]:
         return _restored, (type(self), self.get_state(), self.threads), self.__dict__ or None
@@ -106,13 +110,13 @@ class Batch(_flixwalker.Batch):
         positions : (k, 2)
             Where on the floor, m, to 1000 km; the origin if none are given.
         headings : (k,)
-            rad, positive to the left; 0 if none are given.
+            rad, positive to the left, to 1000000; 0 if none are given.
         """
         super().reset(
             _arguments.seeds(seeds),
             _arguments.chosen(robots, len(self)),
-            None if models is None else list(models),
-            None if positions is None else _arguments.table("positions", positions),
+            None if models is None else _each(models),
+            None if positions is None else _arguments.table("positions", positions, 2),
             None if headings is None else _arguments.numbers("headings", headings),
         )
 

@@ -28,6 +28,16 @@ OFF_PATH = 0.5
 HOME_M = 0.03
 #: Standard gravity of the simulator, m/s^2.
 GRAVITY = 9.81
+#: No robot walks faster, m/s: from one action to the next its nearest point of the path goes no farther than that.
+FASTEST_M_S = 0.3
+#: Points of the path that are as near as this are equally near, m.
+ALIKE_M = 3e-3
+#: A robot pulls the point whose way is paid on a thread as long as this, m: a body that trembles pulls nothing.
+THREAD_M = 0.01
+#: Share of the energy over the weight that is taken from the way of ``"transport"``.
+ENERGY_SHARE = 0.1
+#: Longest step of the integration, s.
+LONGEST_STEP_S = 1e-3
 
 TASKS = ("path", "home", "speed", "transport")
 
@@ -54,18 +64,22 @@ class FlixWalkerVectorEnv(VectorEnv):
         Robots.
     task
         ``"path"``: follow a path; the reward is the way along it less half the distance from it. ``"home"``: return to
-        the origin from a start up to 0.5 m away. ``"speed"``: go as far as possible in any direction. ``"transport"``:
-        the same at the lowest energy; the reward is the way less the energy over the weight.
+        the origin from a start up to 0.5 m away. ``"speed"``: go as far as possible in any direction; the reward is the way
+        of a point that the robot pulls behind it on a thread of 10 mm, for a body that trembles goes nowhere.
+        ``"transport"``: the same at the lowest energy; the reward is that way less a tenth of the energy over the weight.
+        What braking gives back is lost, as in the robot.
     actions
-        ``"pair"``: f and theta as two numbers from -1 to 1, for -35 to 35 Hz and -90 to 90 degrees. ``"modes"``: one of
-        the nine modes of the paper's Tables III and IV.
+        ``"pair"``: f and theta as two numbers from -1 to 1, for -35 to 35 Hz and -90 to 90 degrees; what is beyond is clipped.
+        ``"modes"``: one of the nine modes of the paper's Tables III and IV. The rotors stand at first, and go from one pair to
+        the next as those of `Batch.set_drive`.
     model
         A `Model` or its name.
     randomize
         Ranges of factors by the fields' paths, drawn anew for each episode and robot: ``{"legs.fl.friction": (0.42,
         1.58)}``. A tuple of paths shares one draw.
     path
-        (k, 2) in m, closed; an 8 of half a metre if none is given.
+        (k, 2) in m, closed; an 8 of half a metre if none is given. As long as four intervals of the fastest walk, 0.3 m/s, at
+        least. The nearest point goes along it with the robot: crossings are no short cuts.
     seconds, max_episode_steps
         Length of an episode, s, or in actions, which counts where it is given. `gymnasium.make` keeps a `max_episode_steps`
         to itself, so that it can shorten an episode and no more: give it `seconds`. `make_vec` passes both on.
@@ -85,7 +99,9 @@ class FlixWalkerVectorEnv(VectorEnv):
 
     metadata = {"render_modes": ["html"], "autoreset_mode": AutoresetMode.NEXT_STEP}
     #: What changes, beside the batch.
-    _LASTING = ("random", "_np_random", "_np_random_seed", "weight", "steps", "done", "nearest", "motion")
+    _LASTING: tuple[str, ...] = ("weight", "steps", "done", "nearest", "motion", "anchor", "billed")
+    #: The same, once it was reset.
+    _RANDOM = ("random", "_np_random", "_np_random_seed")
 
     def __init__(
         self,
@@ -109,12 +125,15 @@ class FlixWalkerVectorEnv(VectorEnv):
             raise ValueError(f'actions is {actions!r}: choose "pair" or "modes"')
         if render_mode not in (None, "html"):
             raise ValueError(f'render_mode is {render_mode!r}: choose "html" or none')
+        if not _arguments.is_whole(num_envs) or num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs!r}: choose 1 or more")
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.task = task
+        self.actions = actions
         self.model = Model(model) if isinstance(model, str) else model
         self.randomize = dict(randomize or {})
-        self.path = figure_eight() if path is None else _arguments.table("path", path)
+        self.path = figure_eight() if path is None else _arguments.table("path", path).copy()
         if self.path.ndim != 2 or self.path.shape[1] != 2 or len(self.path) < 3:
             raise ValueError(f"path has the shape {self.path.shape}: give (k, 2), three points at least")
         if not np.isfinite(self.path).all():
@@ -122,15 +141,21 @@ class FlixWalkerVectorEnv(VectorEnv):
         named = [name for field in self.randomize for name in ((field,) if isinstance(field, str) else field)]
         if twice := sorted({name for name in named if named.count(name) > 1}):
             raise ValueError(f"randomize names {', '.join(twice)} more than once: give one range a field")
-        for field, (low, high) in self.randomize.items():
-            if not low <= high:
-                raise ValueError(f"randomize has {low} to {high} for {field}: give (low, high)")
+        for field, given in self.randomize.items():
+            bounds = _arguments.numbers(f"randomize of {field}", given)
+            if len(bounds) != 2 or not bounds[0] <= bounds[1]:
+                raise ValueError(f"randomize has {given} for {field}: give (low, high)")
+            low, high = self.randomize[field] = float(bounds[0]), float(bounds[1])
             for name in (field,) if isinstance(field, str) else field:
+                if not isinstance(self.model[name], (int, float)):
+                    raise ValueError(f"randomize names {name}, which is no number: name its fields")
                 if self.model[name] == 0:
                     raise ValueError(f"randomize names {name}, which is 0, and any factor of it is 0: leave it out")
             self._drawn_at({field: low})
             self._drawn_at({field: high})
-        steps = interval / step if step > 0.0 else 0.0
+        if not 0.0 < step <= LONGEST_STEP_S:
+            raise ValueError(f"step is {step} s: choose more than 0, and {LONGEST_STEP_S} s at most")
+        steps = interval / step
         if not 0.5 < steps < np.inf or abs(steps - round(steps)) > 1e-9 * steps:
             raise ValueError(f"interval is {interval} s and step {step} s: choose an interval of whole steps")
         self.interval = interval
@@ -159,7 +184,30 @@ class FlixWalkerVectorEnv(VectorEnv):
         self.done = np.ones(num_envs, dtype=bool)
         self.nearest = np.zeros(num_envs, dtype=np.int64)
         self.motion = np.zeros((num_envs, 3))
+        self.anchor = np.zeros((num_envs, 2))
+        self.billed = np.zeros(num_envs)
         self.film: Film | None = None
+        if task == "path":
+            self._lay(_distinct(self.path))
+
+    def _lay(self, points: np.ndarray) -> None:
+        """Take these points for the path."""
+        self.path = points
+        along = np.hypot(*np.diff(points, axis=0, append=points[:1]).T)
+        #: How far each point is along the path, and the length of all of it, m.
+        self.at, self.length = np.cumsum(along) - along, float(along.sum())
+        reach = FASTEST_M_S * self.interval
+        if not 4.0 * reach <= self.length <= 1e3:
+            raise ValueError(
+                f"path is {self.length:.3g} m long: choose {4.0 * reach:.3g} to 1000 m, or another interval"
+            )
+        # An eighth of it ahead is looked at, and a quarter of that behind; never less than a robot may have walked, nor than a point.
+        self.within = -max(reach, self.length / 32), max(reach, self.length / 8)
+        rounds = np.concatenate([self.at - self.length, self.at, self.at + self.length])
+        points = np.arange(len(points), 2 * len(points))
+        first, last = (np.searchsorted(rounds, self.at + end) for end in self.within)
+        #: The points within that of any one, counted from it.
+        self.around = np.arange(min((first - points).min(), -1), max((last - points).max(), 1) + 1)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -172,20 +220,20 @@ class FlixWalkerVectorEnv(VectorEnv):
             )
         if seed is not None and np.ndim(seed) == 0:
             seed = [_arguments.seeds(seed)[0] + robot for robot in range(self.num_envs)]
-        if not hasattr(self, "random"):
-            self.random = [np.random.default_rng() for _ in range(self.num_envs)]
-            # Gymnasium's word for one that is not known.
-            self._np_random, self._np_random_seed = self.random[0], -1
+        # What was before stays where it is refused.
+        random = list(getattr(self, "random", [])) or [np.random.default_rng() for _ in range(self.num_envs)]
+        # Gymnasium's word for one that is not known.
+        first = -1 if self._np_random_seed is None else self._np_random_seed
         if seed is not None:
             seeds = [None if each is None else _arguments.seeds(each)[0] for each in seed]
             if len(seeds) != self.num_envs:
                 raise ValueError(f"{len(seeds)} seeds for {self.num_envs} robots: give one, or one a robot")
             for robot in np.flatnonzero(mask):
-                self.random[robot] = np.random.default_rng(seeds[robot])
+                random[robot] = np.random.default_rng(seeds[robot])
             if mask[0] and seeds[0] is not None:
-                self._np_random_seed = seeds[0]
-            self._np_random = self.random[0]
-        self._begin(np.flatnonzero(mask))
+                first = seeds[0]
+        self._begin(np.flatnonzero(mask), random)
+        self.random, self._np_random, self._np_random_seed = random, random[0], first
         return self._observe(), {}
 
     def step(
@@ -201,23 +249,23 @@ class FlixWalkerVectorEnv(VectorEnv):
             )
         self.batch.set_drive(*self._drive(actions))
         position, yaw = self.batch.position.copy(), self.batch.yaw.copy()
-        energy, nearest = self.batch.energy.copy(), self.nearest.copy()
         self._run()
         self.steps += 1
         moved = self.batch.position - position
         turned = _wrapped(self.batch.yaw - yaw)
         self.motion = np.column_stack([*_turned(moved, yaw + 0.5 * turned), turned]) / self.interval
-        reward = self._reward(position, nearest, self.batch.energy - energy)
+        reward = self._reward(position, np.maximum(self.batch.energy - self.billed, 0.0))
+        self.billed = self.batch.energy.copy()
         terminated = self._ended()
         truncated = ~terminated & (self.steps >= self.limit)
         if len(begin):
-            self._begin(begin)
+            self._begin(begin, self.random)
             reward[begin], terminated[begin], truncated[begin] = 0.0, False, False
         self.done = terminated | truncated
         info: dict[str, Any] = {"energy_j": self.batch.energy.copy()}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self.done.any():
             info |= self._final(info)
-            self._begin(np.flatnonzero(self.done))
+            self._begin(np.flatnonzero(self.done), self.random)
             info["energy_j"] = self.batch.energy.copy()
         return self._observe(), reward, terminated, truncated, info
 
@@ -230,19 +278,23 @@ class FlixWalkerVectorEnv(VectorEnv):
     def get_state(self) -> dict[str, Any]:
         """Return robots, episodes and random numbers, for `set_state` of an environment that was made alike."""
         return copy.deepcopy(
-            {name: getattr(self, name) for name in self._LASTING if hasattr(self, name)}
+            {name: getattr(self, name) for name in self._LASTING + self._RANDOM if hasattr(self, name)}
             | {"batch": self.batch.get_state(), "made": self._made()}
         )
 
     def _made(self) -> tuple[object, ...]:
         """Return what another environment has to have alike to go on from a state of this one."""
-        return type(self).__name__, self.task, self.path.tolist()
+        made = (self.model, self.randomize, self.actions, self.interval, self.step_s, self.limit, self.num_envs)
+        return type(self).__name__, self.task, self.path.tolist(), *made
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
+        needed = {"batch", "made", *self._LASTING}
+        if not needed <= set(state) <= needed | set(self._RANDOM):
+            raise ValueError("this is no state of such an environment: give what its get_state returned")
         state = copy.deepcopy(dict(state))
         if state.pop("made") != self._made():
-            raise ValueError("this state is of another task or path: make the environment alike")
+            raise ValueError("this state is of an environment that was made otherwise: give both the same parameters")
         self.batch.set_state(state.pop("batch"))
         vars(self).update(state)
         self._film()
@@ -260,7 +312,7 @@ class FlixWalkerVectorEnv(VectorEnv):
             self.film = None
             return
         reference = self.path.tolist() if self.task == "path" else []
-        self.film = Film(self.batch.model(0), 0.1 * self.interval, reference)
+        self.film = Film(self.batch.model(0), float(np.clip(0.1 * self.interval, 1e-4, 1e3)), reference)
         self.film.shoot(self.batch, 0)
 
     def _ended(self) -> np.ndarray:
@@ -307,12 +359,13 @@ class FlixWalkerVectorEnv(VectorEnv):
             self.batch.run(steps * self.step_s, self.step_s)
             self.film.shoot(self.batch, 0)
 
-    def _begin(self, robots: np.ndarray) -> None:
+    def _begin(self, robots: np.ndarray, generators: list[np.random.Generator]) -> None:
         if not len(robots):
             return
+        before = [generators[robot].bit_generator.state for robot in robots]
         models, seeds, positions, headings = [], [], [], []
         for robot in robots:
-            random = self.random[robot]
+            random = generators[robot]
             models.append(self._drawn(random))
             seeds.append(int(random.integers(2**63)))
             headings.append(random.uniform(-np.pi, np.pi))
@@ -323,13 +376,23 @@ class FlixWalkerVectorEnv(VectorEnv):
                 positions.append(self.path[0])
             else:
                 positions.append([0.0, 0.0])
-        self.batch.reset(seeds, robots, models if self.randomize else None, positions, headings)
+        try:
+            self.batch.reset(seeds, robots, models if self.randomize else None, positions, headings)
+        except BaseException:
+            # All begin anew, or nothing changes.
+            for robot, state in zip(robots, before):
+                generators[robot].bit_generator.state = state
+            raise
+        # The rotors stand, as those of a robot that was just armed.
+        self.batch.set_drive(0.0, 0.0, robots)
         if self.randomize:
             self.weight[robots] = [GRAVITY * _mass(model) for model in models]
         self.steps[robots] = 0
         self.done[robots] = False
         self.nearest[robots] = 0
         self.motion[robots] = 0.0
+        self.anchor[robots] = self.batch.position[robots, :2]
+        self.billed[robots] = self.batch.energy[robots]
         if 0 in robots:
             self._film()
 
@@ -350,27 +413,39 @@ class FlixWalkerVectorEnv(VectorEnv):
             return self.path[(self.nearest + 1) % len(self.path)]
         return np.zeros((self.num_envs, 2))
 
-    def _reward(self, before: np.ndarray, nearest: np.ndarray, energy: np.ndarray) -> np.ndarray:
+    def _reward(self, before: np.ndarray, energy: np.ndarray) -> np.ndarray:
         now, before = self.batch.position[:, :2], before[:, :2]
         if self.task == "path":
-            self._follow()
-            count = len(self.path)
-            ahead = (self.nearest - nearest + count // 2) % count - count // 2
-            off = np.hypot(*(now - self.path[self.nearest]).T)
-            length = np.hypot(*np.diff(self.path, axis=0, append=self.path[:1]).T).sum()
-            return ahead * length / count - OFF_PATH * self.interval * off
+            way = self._follow()
+            return way - OFF_PATH * self.interval * np.hypot(*(now - self.path[self.nearest]).T)
         if self.task == "home":
             return np.hypot(*before.T) - np.hypot(*now.T)
-        way = np.hypot(*(now - before).T)
-        return way if self.task == "speed" else way - energy / self.weight
+        gap = now - self.anchor
+        far = np.hypot(*gap.T)
+        way = np.maximum(far - THREAD_M, 0.0)
+        self.anchor += gap * (way / np.maximum(far, THREAD_M))[:, None]
+        return way if self.task == "speed" else way - ENERGY_SHARE * energy / self.weight
 
-    def _follow(self) -> None:
-        """Take the nearest point of the next eighth of the path, so that crossings are no short cuts."""
-        ahead = np.arange(-len(self.path) // 32, max(1, len(self.path) // 8) + 1)
-        candidates = (self.nearest[:, None] + ahead) % len(self.path)
+    def _follow(self) -> np.ndarray:
+        """Take the nearest point near the last one, and return the way from that to it, m, forward along the path.
+
+        Where the path turns back on itself, or passes by itself, points of several stretches are near: the one that is least
+        far along the path from the last one counts, and of two the one ahead.
+        """
+        candidates = (self.nearest[:, None] + self.around) % len(self.path)
+        way = self.at[candidates] - self.at[self.nearest][:, None]
+        way -= self.length * np.round(way / self.length)
         gap = self.path[candidates] - self.batch.position[:, None, :2]
-        best = np.hypot(gap[..., 0], gap[..., 1]).argmin(axis=1)
-        self.nearest = candidates[np.arange(self.num_envs), best]
+        off = np.hypot(gap[..., 0], gap[..., 1])
+        is_within = (way >= self.within[0]) & (way <= self.within[1]) | (np.abs(self.around) <= 1)
+        off = np.where(is_within, off, np.inf)
+        beside = np.pad(off, ((0, 0), (1, 1)), constant_values=np.inf)
+        is_lowest = (off <= beside[:, :-2]) & (off <= beside[:, 2:])
+        is_lowest &= off <= off.min(axis=1, keepdims=True) + ALIKE_M
+        far = np.where(is_lowest, np.abs(way) - 0.5 * ALIKE_M * (way > 0.0), np.inf)
+        best = np.arange(self.num_envs), far.argmin(axis=1)
+        self.nearest = candidates[best]
+        return way[best]
 
     def _observe(self) -> np.ndarray:
         at, yaw = self.batch.position[:, :2], self.batch.yaw
@@ -392,21 +467,24 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
         self.render_mode = self.many.render_mode
         self.observation_space = self.many.single_observation_space
         self.action_space = self.many.single_action_space
+        # Whose numbers the starts are: another one may be set.
+        self._drawn_from: np.random.Generator | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Put the robot to a new start."""
         super().reset(seed=seed)
-        if seed is not None or not hasattr(self.many, "random"):
+        if seed is not None or self._drawn_from is None or self._np_random is not self._drawn_from:
             seen, _ = self.many.reset(seed=[int(self.np_random.integers(2**63))])
+            self._drawn_from = self._np_random
         else:
             seen, _ = self.many.reset()
         return seen[0], {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Shake the robot by the action for one interval."""
-        seen, reward, terminated, truncated, info = self.many.step(np.asarray(action)[None])
+        seen, reward, terminated, truncated, info = self.many.step([action])
         # Whoever goes on after the end goes on with this robot, as Gymnasium has it.
         self.many.done[:] = False
         return (
@@ -423,9 +501,10 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
-        state = dict(state)
-        self._np_random = copy.deepcopy(state.pop("seeds"))
-        self.many.set_state(state)
+        if "seeds" not in state:
+            raise ValueError("this is no state of one robot's environment: give what its get_state returned")
+        self.many.set_state({name: value for name, value in state.items() if name != "seeds"})
+        self._np_random = self._drawn_from = copy.deepcopy(state["seeds"])
 
     def render(self) -> str | None:
         """Return a page for the browser with the episode so far."""
@@ -453,7 +532,7 @@ class FlixWalkerPathVectorEnv(FlixWalkerVectorEnv):
         if "task" in parameters:
             raise ValueError("this environment follows a path: choose tasks by FlixWalker-v1")
         super().__init__(num_envs, "path", **parameters)
-        self.path = _even(self.path)
+        self._lay(_even(self.path))
         following = np.roll(self.path, -1, axis=0)
         tangent = following - np.roll(self.path, 1, axis=0)
         # Where the path turns back, it goes where it goes next.
@@ -477,17 +556,15 @@ class FlixWalkerPathVectorEnv(FlixWalkerVectorEnv):
         self.action = np.column_stack([f / FASTEST_HZ, theta / (0.5 * np.pi)])
         return f, theta
 
-    def _begin(self, robots: np.ndarray) -> None:
-        super()._begin(robots)
+    def _begin(self, robots: np.ndarray, generators: list[np.random.Generator]) -> None:
+        super()._begin(robots, generators)
         self.action[robots] = 0.0
 
     def _ended(self) -> np.ndarray:
         return super()._ended() | (np.abs(self.off_path()) > FARTHEST_M)
 
-    def _reward(self, before: np.ndarray, nearest: np.ndarray, energy: np.ndarray) -> np.ndarray:
-        self._follow()
-        count = len(self.path)
-        way = ((self.nearest - nearest + count // 2) % count - count // 2) * SPACING_M
+    def _reward(self, before: np.ndarray, energy: np.ndarray) -> np.ndarray:
+        way = self._follow()
         share = np.abs(self.off_path()) / FARTHEST_M
         reward = np.clip(way / (BRISK_M_S * self.interval), -1.0, 1.0) - np.minimum(share, 1.0)
         return np.where(self._ended(), -2.0, reward)
@@ -520,12 +597,15 @@ def newest_vector(num_envs: int = 1, task: str = "path", **parameters: Any) -> F
     return FlixWalkerVectorEnv(num_envs, task, **parameters)
 
 
+def _distinct(path: np.ndarray) -> np.ndarray:
+    """Return a closed path without the points that are where the one before is."""
+    return path[np.hypot(*(path - np.roll(path, 1, axis=0)).T) > 1e-9]
+
+
 def _even(path: np.ndarray) -> np.ndarray:
     """Return a closed path by points at equal distances, `SPACING_M` or a little off."""
     ends = np.vstack([path, path[:1]])
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ends, axis=0).T))])
-    if not 0.1 <= way[-1] <= 1e3:
-        raise ValueError(f"path is {way[-1]} m long: choose 0.1 to 1000 m")
     at = np.linspace(0.0, way[-1], round(way[-1] / SPACING_M), endpoint=False)
     return np.column_stack([np.interp(at, way, ends[:, axis]) for axis in range(2)])
 

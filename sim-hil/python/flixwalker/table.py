@@ -62,11 +62,12 @@ def walk(
         If f, theta, a seed or a time is out of its range.
     """
     given = [models] if isinstance(models, Model) else list(models)
+    seeds = _arguments.of_kind("seeds", seeds, _arguments.WHOLE, "whole numbers")
     which, f, theta, seed = np.broadcast_arrays(
         np.arange(len(given)),
         _arguments.table("f_hz", f_hz),
         _arguments.table("theta_deg", theta_deg),
-        np.array(_arguments.seeds(seeds), dtype=np.uint64).reshape(np.shape(seeds)),
+        np.array(_arguments.seeds(seeds), dtype=np.uint64).reshape(seeds.shape),
     )
     which, f, theta, seed = (np.atleast_1d(column).ravel().copy() for column in (which, f, theta, seed))
     walked = _flixwalker.walk(
@@ -90,9 +91,12 @@ def mobility(
     """
     import pandas
 
-    f, theta, seed = (
-        grid.ravel() for grid in np.meshgrid(f_hz, theta_deg, seeds, indexing="ij")
+    axes = (
+        _arguments.numbers("f_hz", f_hz),
+        _arguments.numbers("theta_deg", theta_deg),
+        np.array(_arguments.seeds(seeds), dtype=np.uint64),
     )
+    f, theta, seed = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))
     return pandas.DataFrame(walk(model, f, theta, seed, seconds, step))
 
 

@@ -1,6 +1,5 @@
 //! Thousands of robots, read and commanded as arrays.
 
-use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use flix_sim::batch::{Batch as Engine, Precision};
@@ -16,14 +15,14 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::model::Model;
-use crate::{Pool, interruptible, locked, refused};
+use crate::{Pool, Shared, interruptible, number, refused};
 
 /// Creates robots that stand still at the origin, shaken at 0 Hz.
 #[pyclass(frozen, subclass, module = "flixwalker")]
 pub struct Batch {
     // Any thread may ask while another runs the robots.
-    engine: Mutex<Engine>,
-    pool: Mutex<Pool>,
+    engine: Shared<Engine>,
+    pool: Shared<Pool>,
     #[pyo3(get)]
     position: Py<PyArray2<f64>>,
     #[pyo3(get)]
@@ -90,11 +89,6 @@ fn chosen(engine: &Engine, robots: Option<Vec<i64>>) -> PyResult<Vec<usize>> {
 }
 
 impl Batch {
-    /// Waits, without the interpreter, until no other thread runs the robots.
-    fn lock(&self, py: Python<'_>) -> MutexGuard<'_, Engine> {
-        locked(&self.engine, py)
-    }
-
     /// Writes what the robots do now into the arrays.
     ///
     /// # Errors
@@ -168,8 +162,8 @@ impl Batch {
         let n = engine.len();
         let rows = |columns| PyArray2::zeros(py, [n, columns], false).unbind();
         let batch = Self {
-            engine: Mutex::new(engine),
-            pool: Mutex::new(pool),
+            engine: Shared::new(engine),
+            pool: Shared::new(pool),
             position: rows(3),
             orientation: rows(4),
             velocity: rows(3),
@@ -178,30 +172,30 @@ impl Batch {
             energy: PyArray1::zeros(py, n, false).unbind(),
             alive: PyArray1::zeros(py, n, false).unbind(),
         };
-        batch.show(py, &batch.lock(py))?;
+        batch.show(py, &*batch.engine.lock(py)?)?;
         Ok(batch)
     }
 
-    fn __len__(&self, py: Python<'_>) -> usize {
-        self.lock(py).len()
+    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
+        Ok(self.engine.lock(py)?.len())
     }
 
     /// How many threads it was made for.
     #[getter]
-    fn threads(&self, py: Python<'_>) -> Option<usize> {
-        locked(&self.pool, py).threads
+    fn threads(&self, py: Python<'_>) -> PyResult<Option<usize>> {
+        Ok(self.pool.lock(py)?.threads)
     }
 
-    fn get_state<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
-        let engine = self.lock(py);
-        PyBytes::new(py, &py.detach(|| engine.state()))
+    fn get_state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let engine = self.engine.lock(py)?;
+        Ok(PyBytes::new(py, &py.detach(|| engine.state())))
     }
 
     fn set_state(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
-        let (state, mut pool) = (state.to_vec(), Pool::new(self.threads(py))?);
+        let (state, mut pool) = (state.to_vec(), Pool::new(self.threads(py)?)?);
         let restored = interruptible(py, move |_| pool.install(|| Engine::restored(&state)))?;
         let restored = restored?.map_err(refused)?;
-        let mut engine = self.lock(py);
+        let mut engine = self.engine.lock(py)?;
         self.show(py, &engine)?;
         if restored.len() != engine.len() {
             return Err(PyValueError::new_err(format!(
@@ -215,12 +209,12 @@ impl Batch {
     }
 
     #[getter]
-    fn time(&self, py: Python<'_>) -> f64 {
-        self.lock(py).time()
+    fn time(&self, py: Python<'_>) -> PyResult<f64> {
+        Ok(self.engine.lock(py)?.time())
     }
 
-    fn model(&self, py: Python<'_>, robot: i64) -> PyResult<Model> {
-        let engine = self.lock(py);
+    fn model(&self, py: Python<'_>, #[pyo3(from_py_with = number)] robot: i64) -> PyResult<Model> {
+        let engine = self.engine.lock(py)?;
         let robot = chosen(&engine, Some(vec![robot]))?[0];
         Ok(Model(engine.model(robot).clone()))
     }
@@ -238,7 +232,7 @@ impl Batch {
         // What is given may be an array of this batch, which is written at the end.
         let positions = positions.map(|positions| positions.as_array().to_owned());
         let robots = {
-            let engine = self.lock(py);
+            let engine = self.engine.lock(py)?;
             self.show(py, &engine)?;
             chosen(&engine, robots)?
         };
@@ -269,6 +263,12 @@ impl Batch {
         }
         let headings =
             headings.map(|headings| each(&headings, robots.len(), "headings")).transpose()?;
+        if let Some(bad) = headings.iter().flatten().find(|heading| heading.abs() > LARGEST_HEADING)
+        {
+            return Err(PyValueError::new_err(format!(
+                "headings hold {bad}: choose -{LARGEST_HEADING} to {LARGEST_HEADING} rad"
+            )));
+        }
         let mut plants = Vec::new();
         for (i, robot) in robots.iter().enumerate() {
             if i % LOOK == 0 {
@@ -276,7 +276,7 @@ impl Batch {
             }
             let model = match &models {
                 Some(models) => models[i].0.clone(),
-                None => self.lock(py).model(*robot).clone(),
+                None => self.engine.lock(py)?.model(*robot).clone(),
             };
             let heading = Some(headings.as_ref().map_or(0.0, |headings| headings[i]));
             let mut plant: Plant =
@@ -287,7 +287,7 @@ impl Batch {
             plants.push((*robot, model, plant));
         }
         // From here on nobody interrupts: all robots begin anew, or none.
-        let mut engine = self.lock(py);
+        let mut engine = self.engine.lock(py)?;
         for (robot, model, plant) in plants {
             engine.place(robot, model, &plant).map_err(refused)?;
         }
@@ -302,7 +302,7 @@ impl Batch {
         theta_rad: PyReadonlyArray1<'_, f64>,
         robots: Option<Vec<i64>>,
     ) -> PyResult<()> {
-        let mut engine = self.lock(py);
+        let mut engine = self.engine.lock(py)?;
         let robots = chosen(&engine, robots)?;
         let f_hz = each(&f_hz, robots.len(), "f_hz")?;
         let theta_rad = each(&theta_rad, robots.len(), "theta_rad")?;
@@ -318,7 +318,12 @@ impl Batch {
     }
 
     #[pyo3(signature = (seconds, step = 1e-4))]
-    fn run(&self, py: Python<'_>, seconds: f64, step: f64) -> PyResult<()> {
+    fn run(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = number)] seconds: f64,
+        #[pyo3(from_py_with = number)] step: f64,
+    ) -> PyResult<()> {
         if !(1e-6..=1e-3).contains(&step) {
             return Err(PyValueError::new_err(format!(
                 "step is {step} s: choose 0.000001 to 0.001 s"
@@ -334,13 +339,13 @@ impl Batch {
             let warning = c"with steps beyond 0.00025 s walks are off by more than 1 %, by 10 % at 0.001 s: choose 0.0001 s";
             PyErr::warn(py, &py.get_type::<PyUserWarning>(), warning, 1)?;
         }
-        self.show(py, &self.lock(py))?;
-        let mut slice = (SLICE / self.lock(py).len()).clamp(1, LONGEST_SLICE);
+        self.show(py, &*self.engine.lock(py)?)?;
+        let mut slice = (SLICE / self.engine.lock(py)?.len()).clamp(1, LONGEST_SLICE);
         let (mut left, mut interrupted) = (steps, Ok(()));
         while left > 0 && interrupted.is_ok() {
             let (now, began) = (left.min(slice), Instant::now());
             {
-                let (engine, pool) = (&mut *self.lock(py), &mut *locked(&self.pool, py));
+                let (engine, pool) = (&mut *self.engine.lock(py)?, &mut *self.pool.lock(py)?);
                 py.detach(|| pool.install(|| engine.run(now, step)))?;
             }
             // Who interrupts may look at the robots.
@@ -353,13 +358,13 @@ impl Batch {
             };
         }
         // The arrays show how far it came.
-        self.show(py, &self.lock(py))?;
+        self.show(py, &*self.engine.lock(py)?)?;
         interrupted
     }
 
-    fn __repr__(&self, py: Python<'_>) -> String {
-        let engine = self.lock(py);
-        format!("Batch of {} robots at {:.4} s", engine.len(), engine.time())
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let engine = self.engine.lock(py)?;
+        Ok(format!("Batch of {} robots at {:.4} s", engine.len(), engine.time()))
     }
 }
 
@@ -370,6 +375,8 @@ const SLICE: usize = 50_000;
 const LONGEST_SLICE: usize = 1000;
 /// Farthest place on the floor, m.
 const FARTHEST: f64 = 1e6;
+/// Largest heading, rad: what is left of it by whole turns is known to a billionth.
+pub const LARGEST_HEADING: f64 = 1e6;
 /// Robots that begin anew between two such looks.
 const LOOK: usize = 256;
 
@@ -395,7 +402,7 @@ const FASTEST_HZ: f64 = flix_sim::experiment::walk::Shaking::FASTEST_HZ;
 impl Batch {
     /// Returns a robot as a plant.
     pub fn plant(&self, py: Python<'_>, robot: i64) -> PyResult<Plant> {
-        let engine = self.lock(py);
+        let engine = self.engine.lock(py)?;
         let robot = chosen(&engine, Some(vec![robot]))?[0];
         engine.plant(robot).map_err(refused)
     }

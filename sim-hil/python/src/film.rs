@@ -8,20 +8,21 @@ use pyo3::prelude::*;
 
 use crate::batch::Batch;
 use crate::model::Model;
-use crate::refused;
+use crate::{Shared, number, refused};
 
 /// Creates a film of robots of this model.
-#[pyclass(module = "flixwalker")]
+#[pyclass(frozen, module = "flixwalker")]
 pub struct Film {
-    frames: Frames,
+    // Any thread may look.
+    frames: Shared<Frames>,
     reference: Vec<[f64; 2]>,
 }
 
 impl Film {
-    fn recording(&self, title: &str) -> flix_sim::view::Recording {
-        let mut recording = self.frames.clone().into_recording(title.to_owned());
+    fn recording(&self, py: Python<'_>, title: &str) -> PyResult<flix_sim::view::Recording> {
+        let mut recording = self.frames.lock(py)?.clone().into_recording(title.to_owned());
         recording.reference.clone_from(&self.reference);
-        recording
+        Ok(recording)
     }
 }
 
@@ -29,25 +30,35 @@ impl Film {
 impl Film {
     #[new]
     #[pyo3(signature = (model, interval = 0.005, reference = Vec::new()))]
-    fn new(model: &Model, interval: f64, reference: Vec<[f64; 2]>) -> PyResult<Self> {
+    fn new(
+        model: &Model,
+        #[pyo3(from_py_with = number)] interval: f64,
+        reference: Vec<[f64; 2]>,
+    ) -> PyResult<Self> {
         if !(1e-4..=1e3).contains(&interval) {
             return Err(PyValueError::new_err(format!(
                 "interval is {interval} s: choose 0.0001 to 1000 s"
             )));
         }
-        Ok(Self { frames: Frames::new(&model.0, interval), reference })
+        Ok(Self { frames: Shared::new(Frames::new(&model.0, interval)), reference })
     }
 
-    fn shoot(&mut self, py: Python<'_>, batch: &Batch, robot: i64) -> PyResult<()> {
-        self.frames.shoot(&batch.plant(py, robot)?);
+    fn shoot(
+        &self,
+        py: Python<'_>,
+        batch: &Batch,
+        #[pyo3(from_py_with = number)] robot: i64,
+    ) -> PyResult<()> {
+        let plant = batch.plant(py, robot)?;
+        self.frames.lock(py)?.shoot(&plant);
         Ok(())
     }
 
-    fn to_html(&self, title: &str) -> PyResult<String> {
-        self.recording(title).to_html().map_err(refused)
+    fn to_html(&self, py: Python<'_>, title: &str) -> PyResult<String> {
+        self.recording(py, title)?.to_html().map_err(refused)
     }
 
-    fn write(&self, path: PathBuf, title: &str) -> PyResult<PathBuf> {
-        self.recording(title).write(&path).map_err(refused)
+    fn write(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<PathBuf> {
+        self.recording(py, title)?.write(&path).map_err(refused)
     }
 }

@@ -8,12 +8,13 @@ mod robot;
 mod walk;
 
 use std::panic::resume_unwind;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::thread;
 use std::time::Duration;
 
+use pyo3::exceptions::{PyOverflowError, PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt as _;
 
@@ -29,6 +30,33 @@ mod _flixwalker {
     use super::robot::Robot;
     #[pymodule_export]
     use super::walk::{paper_pairs, walk};
+}
+
+/// Takes a number. Python has true for 1, and nobody means it.
+fn number<'py, T: for<'a> FromPyObject<'a, 'py>>(value: &Bound<'py, PyAny>) -> PyResult<T> {
+    let kind = value.get_type().name()?;
+    if kind == "bool" || kind == "bool_" {
+        return Err(PyTypeError::new_err(format!("{value} is no number")));
+    }
+    value.extract().map_err(Into::into)
+}
+
+/// Takes a number, or none.
+fn optional_number<'py, T: for<'a> FromPyObject<'a, 'py>>(
+    value: &Bound<'py, PyAny>,
+) -> PyResult<Option<T>> {
+    if value.is_none() { Ok(None) } else { number(value).map(Some) }
+}
+
+/// Takes a seed.
+fn seed_of(value: &Bound<'_, PyAny>) -> PyResult<u64> {
+    number(value).map_err(|error| {
+        if error.is_instance_of::<PyOverflowError>(value.py()) {
+            refused(format!("a seed is {value}: choose whole numbers from 0 to 2**64 - 1"))
+        } else {
+            error
+        }
+    })
 }
 
 /// Threads of one's own.
@@ -99,9 +127,34 @@ fn interruptible<T: Send + 'static>(
     }
 }
 
-/// Waits, without the interpreter, until no other thread has it. One that panicked has left what can still be looked at.
-fn locked<'a, T>(shared: &'a Mutex<T>, py: Python<'_>) -> MutexGuard<'a, T> {
-    shared.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
+/// What threads share.
+struct Shared<T> {
+    value: Mutex<T>,
+    /// Which process has looked at it last: of a thread that has it in another one nothing is left here.
+    process: AtomicU32,
+}
+
+impl<T> Shared<T> {
+    fn new(value: T) -> Self {
+        Self { value: Mutex::new(value), process: AtomicU32::new(std::process::id()) }
+    }
+
+    /// Waits, without the interpreter, until no other thread has it. One that panicked has left what can still be looked at.
+    ///
+    /// # Errors
+    /// In a process that was forked while another thread had it.
+    fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, T>> {
+        let here = std::process::id();
+        if self.process.load(Ordering::Relaxed) != here
+            && matches!(self.value.try_lock(), Err(TryLockError::WouldBlock))
+        {
+            return Err(PyRuntimeError::new_err(
+                "this process was forked while another thread ran these robots: fork before, or make them here",
+            ));
+        }
+        self.process.store(here, Ordering::Relaxed);
+        Ok(self.value.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner))
+    }
 }
 
 /// Tells Python what the simulator refuses, in its own words.

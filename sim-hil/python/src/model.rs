@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use serde_json::Value;
 
-use crate::refused;
+use crate::{number, refused, seed_of};
 
 /// Creates a model of that name, or reads a TOML file.
 #[pyclass(frozen, eq, module = "flixwalker", from_py_object)]
@@ -75,18 +75,22 @@ impl Model {
     }
 
     #[staticmethod]
-    fn random(seed: u64) -> Self {
+    fn random(#[pyo3(from_py_with = seed_of)] seed: u64) -> Self {
         Self(random(seed))
     }
 
-    fn scattered(&self, share: f64, seed: u64) -> PyResult<Self> {
+    fn scattered(
+        &self,
+        #[pyo3(from_py_with = number)] share: f64,
+        #[pyo3(from_py_with = seed_of)] seed: u64,
+    ) -> PyResult<Self> {
         if !(0.0..=0.2).contains(&share) {
             return Err(PyValueError::new_err(format!("share is {share}: choose 0 to 0.2")));
         }
         Ok(Self(scattered(&self.0, share, seed)))
     }
 
-    fn stranger(&self, seed: u64) -> Self {
+    fn stranger(&self, #[pyo3(from_py_with = seed_of)] seed: u64) -> Self {
         Self(stranger(&self.0, seed))
     }
 
@@ -103,7 +107,7 @@ impl Model {
         to_python(py, &tree(&self.0)?)
     }
 
-    fn mjcf(&self, py: Python<'_>, step: f64) -> PyResult<String> {
+    fn mjcf(&self, py: Python<'_>, #[pyo3(from_py_with = number)] step: f64) -> PyResult<String> {
         if !(1e-6..=1e-1).contains(&step) {
             return Err(PyValueError::new_err(format!(
                 "step is {step} s: choose 0.000001 to 0.1 s"
@@ -121,6 +125,10 @@ impl Model {
         to_python(py, find(&mut tree(&self.0)?, path)?)
     }
 
+    fn __contains__(&self, path: &str) -> PyResult<bool> {
+        Ok(find(&mut tree(&self.0)?, path).is_ok())
+    }
+
     fn replace(&self, py: Python<'_>, fields: &Bound<'_, PyDict>) -> PyResult<Self> {
         let mut tree = tree(&self.0)?;
         for (path, value) in fields {
@@ -131,6 +139,9 @@ impl Model {
                 ))
             });
             *find(&mut tree, path)? = plain?;
+            // Here its name is known.
+            let _: RobotModel = serde_json::from_value(tree.clone())
+                .map_err(|error| refused(format!("{path} is {value:?}: {error}")))?;
         }
         let model: RobotModel = serde_json::from_value(tree).map_err(refused)?;
         model.check().map_err(refused)?;

@@ -1,6 +1,5 @@
 //! One robot with its own software, commanded over its link.
 
-use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
 use flix_host::link::RobotLink;
@@ -18,11 +17,14 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde::{Deserialize, Serialize};
 
+use crate::batch::{LARGEST_HEADING, whole_steps};
 use crate::model::Model;
-use crate::{locked, refused};
+use crate::{Shared, number, optional_number, refused, seed_of};
 
 /// Slice of virtual time between two looks at who wants to interrupt.
 const SLICE: Duration = Duration::from_millis(100);
+/// Of the robot's software: time passes by whole ones.
+const TICK: Duration = Duration::from_micros(100);
 
 /// What was asked of a robot.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -58,7 +60,7 @@ struct Session {
 #[pyclass(frozen, module = "flixwalker")]
 pub struct Robot {
     // Any thread may ask.
-    session: Mutex<Session>,
+    session: Shared<Session>,
 }
 
 /// Tells Python what the robot did not do, in its own words.
@@ -86,9 +88,13 @@ impl Session {
     /// Powers a robot up, of which nothing has been asked.
     fn new(state: State) -> PyResult<Self> {
         let State { model, seed, heading, latency, loss, .. } = &state;
-        if !(0.0..=10.0).contains(latency) || !(0.0..=0.9).contains(loss) || !heading.is_finite() {
+        if !(0.0..=10.0).contains(latency)
+            || !(0.0..=0.9).contains(loss)
+            || heading.is_nan()
+            || heading.abs() > LARGEST_HEADING
+        {
             return Err(PyValueError::new_err(format!(
-                "heading {heading} rad, latency {latency} s, loss {loss}: choose a number, 0 to 10 s and 0 to 0.9"
+                "heading {heading} rad, latency {latency} s, loss {loss}: choose -{LARGEST_HEADING} to {LARGEST_HEADING} rad, 0 to 10 s and 0 to 0.9"
             )));
         }
         let plant = Start { seed: *seed, heading: Some(*heading) }.plant(model).map_err(refused)?;
@@ -172,18 +178,17 @@ impl Session {
     }
 }
 
-impl Robot {
-    /// Waits, without the interpreter, until no other thread uses the robot.
-    fn lock(&self, py: Python<'_>) -> MutexGuard<'_, Session> {
-        locked(&self.session, py)
-    }
-}
-
 #[pymethods]
 impl Robot {
     #[new]
     #[pyo3(signature = (model, seed = 0, heading = 0.0, latency = 0.005, loss = 0.0))]
-    fn new(model: &Model, seed: u64, heading: f64, latency: f64, loss: f64) -> PyResult<Self> {
+    fn new(
+        model: &Model,
+        #[pyo3(from_py_with = seed_of)] seed: u64,
+        #[pyo3(from_py_with = number)] heading: f64,
+        #[pyo3(from_py_with = number)] latency: f64,
+        #[pyo3(from_py_with = number)] loss: f64,
+    ) -> PyResult<Self> {
         let session = Session::new(State {
             release: env!("CARGO_PKG_VERSION").to_owned(),
             model: model.0.clone(),
@@ -193,22 +198,22 @@ impl Robot {
             loss,
             calls: Vec::new(),
         })?;
-        Ok(Self { session: Mutex::new(session) })
+        Ok(Self { session: Shared::new(session) })
     }
 
     #[staticmethod]
     fn from_state(py: Python<'_>, state: &[u8]) -> PyResult<Self> {
-        Ok(Self { session: Mutex::new(Session::again(py, state)?) })
+        Ok(Self { session: Shared::new(Session::again(py, state)?) })
     }
 
     fn get_state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let state = serde_json::to_vec(&self.lock(py).state).map_err(refused)?;
+        let state = serde_json::to_vec(&self.session.lock(py)?.state).map_err(refused)?;
         Ok(PyBytes::new(py, &state))
     }
 
     fn set_state(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
         let session = Session::again(py, state)?;
-        *self.lock(py) = session;
+        *self.session.lock(py)? = session;
         Ok(())
     }
 
@@ -220,86 +225,93 @@ impl Robot {
     }
 
     fn arm(&self, py: Python<'_>) -> PyResult<()> {
-        self.lock(py).ask(py, Call::Arm).map(drop)
+        self.session.lock(py)?.ask(py, Call::Arm).map(drop)
     }
 
     fn disarm(&self, py: Python<'_>) -> PyResult<()> {
-        self.lock(py).ask(py, Call::Disarm).map(drop)
+        self.session.lock(py)?.ask(py, Call::Disarm).map(drop)
     }
 
-    fn drive(&self, py: Python<'_>, f_hz: f64, theta_deg: f64) -> PyResult<()> {
+    fn drive(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = number)] f_hz: f64,
+        #[pyo3(from_py_with = number)] theta_deg: f64,
+    ) -> PyResult<()> {
         // What cannot be is not kept.
         setpoint(f_hz, theta_deg).map_err(refused)?;
-        self.lock(py).ask(py, Call::Drive(f_hz, theta_deg)).map(drop)
+        self.session.lock(py)?.ask(py, Call::Drive(f_hz, theta_deg)).map(drop)
     }
 
-    fn run(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
+    fn run(&self, py: Python<'_>, #[pyo3(from_py_with = number)] seconds: f64) -> PyResult<()> {
         if !(0.0..=1e5).contains(&seconds) {
             return Err(PyValueError::new_err(format!(
                 "seconds is {seconds}: choose 0 to 100000 s"
             )));
         }
-        let end = self.lock(py).operation.now() + Duration::from_secs_f64(seconds);
-        loop {
-            let mut session = self.lock(py);
-            let left = session.left(end);
-            if left.is_zero() {
-                return Ok(());
-            }
-            session.run(py, left)?;
-            drop(session);
+        let mut left = whole_steps(seconds, TICK.as_secs_f64())? as u32 * TICK;
+        while !left.is_zero() {
+            let slice = left.min(SLICE);
+            self.session.lock(py)?.run(py, slice)?;
+            left -= slice;
             py.check_signals()?;
         }
+        Ok(())
     }
 
     #[pyo3(signature = (name, value = None))]
-    fn setting(&self, py: Python<'_>, name: &str, value: Option<f32>) -> PyResult<Option<f64>> {
-        self.lock(py).ask(py, Call::Setting(name.to_owned(), value))
+    fn setting(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        #[pyo3(from_py_with = optional_number)] value: Option<f32>,
+    ) -> PyResult<Option<f64>> {
+        self.session.lock(py)?.ask(py, Call::Setting(name.to_owned(), value))
     }
 
     #[getter]
-    fn time(&self, py: Python<'_>) -> f64 {
-        self.lock(py).operation.now().as_micros() as f64 * 1e-6
+    fn time(&self, py: Python<'_>) -> PyResult<f64> {
+        Ok(self.session.lock(py)?.operation.now().as_micros() as f64 * 1e-6)
     }
 
     #[getter(state)]
-    fn state_of_software(&self, py: Python<'_>) -> String {
-        self.lock(py).operation.robot.report().state.to_string()
+    fn state_of_software(&self, py: Python<'_>) -> PyResult<String> {
+        Ok(self.session.lock(py)?.operation.robot.report().state.to_string())
     }
 
     #[getter]
-    fn faults(&self, py: Python<'_>) -> String {
-        self.lock(py).operation.robot.report().faults.to_string()
+    fn faults(&self, py: Python<'_>) -> PyResult<String> {
+        Ok(self.session.lock(py)?.operation.robot.report().faults.to_string())
     }
 
     #[getter]
-    fn position(&self, py: Python<'_>) -> [f64; 3] {
-        self.lock(py).operation.robot.mechanics().body().position
+    fn position(&self, py: Python<'_>) -> PyResult<[f64; 3]> {
+        Ok(self.session.lock(py)?.operation.robot.mechanics().body().position)
     }
 
     #[getter]
-    fn yaw(&self, py: Python<'_>) -> f64 {
-        self.lock(py).operation.robot.mechanics().body().yaw()
+    fn yaw(&self, py: Python<'_>) -> PyResult<f64> {
+        Ok(self.session.lock(py)?.operation.robot.mechanics().body().yaw())
     }
 
     #[getter]
-    fn f_hz(&self, py: Python<'_>) -> f64 {
-        self.lock(py).operation.robot.truth().frequency()
+    fn f_hz(&self, py: Python<'_>) -> PyResult<f64> {
+        Ok(self.session.lock(py)?.operation.robot.truth().frequency())
     }
 
     #[getter]
-    fn theta_deg(&self, py: Python<'_>) -> f64 {
-        let theta = self.lock(py).operation.robot.truth().direction.to_degrees();
+    fn theta_deg(&self, py: Python<'_>) -> PyResult<f64> {
+        let theta = self.session.lock(py)?.operation.robot.truth().direction.to_degrees();
         // A line of force is the same half a turn further.
-        (theta + 90.0).rem_euclid(180.0) - 90.0
+        Ok((theta + 90.0).rem_euclid(180.0) - 90.0)
     }
 
     #[getter]
-    fn energy(&self, py: Python<'_>) -> f64 {
-        self.lock(py).operation.robot.electronics().battery().delivered()
+    fn energy(&self, py: Python<'_>) -> PyResult<f64> {
+        Ok(self.session.lock(py)?.operation.robot.electronics().battery().delivered())
     }
 
-    fn __repr__(&self, py: Python<'_>) -> String {
-        format!("Robot {} at {:.3} s", self.state_of_software(py), self.time(py))
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        Ok(format!("Robot {} at {:.3} s", self.state_of_software(py)?, self.time(py)?))
     }
 }

@@ -12,7 +12,7 @@ use rayon::slice::ParallelSlice as _;
 
 use crate::batch::whole_steps;
 use crate::model::Model;
-use crate::{Pool, interruptible, refused};
+use crate::{Pool, interruptible, number, refused};
 
 /// Walks each robot for a while and returns a column for each quantity.
 #[pyfunction]
@@ -24,8 +24,8 @@ pub fn walk<'py>(
     f_hz: PyReadonlyArray1<'py, f64>,
     theta_deg: PyReadonlyArray1<'py, f64>,
     seeds: Vec<u64>,
-    seconds: f64,
-    step: f64,
+    #[pyo3(from_py_with = number)] seconds: f64,
+    #[pyo3(from_py_with = number)] step: f64,
     threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (f, theta) = (f_hz.as_array(), theta_deg.as_array());

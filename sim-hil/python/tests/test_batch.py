@@ -302,3 +302,71 @@ def test_what_cannot_be_shown_does_not_happen() -> None:
     assert batch.time == 0.0
     with pytest.raises(ValueError, match="positions hold"):
         Batch([MODEL]).reset([1], positions=[[1e300, 0.0]])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+def test_a_process_that_was_forked_while_robots_ran_says_so() -> None:
+    script = """
+import os, threading, time, warnings
+from flixwalker import Batch, Model
+warnings.simplefilter("ignore")
+batch = Batch([Model("W")] * 4000, threads=1)
+runs = threading.Thread(target=batch.run, args=(3.0,))
+runs.start()
+time.sleep(0.3)
+child = os.fork()
+if child == 0:
+    try:
+        batch.time
+    except RuntimeError as error:
+        os._exit(0 if "forked" in str(error) else 1)
+    os._exit(2)
+_, status = os.waitpid(child, 0)
+runs.join()
+assert os.waitstatus_to_exitcode(status) == 0 and batch.time > 2.9
+"""
+    subprocess.run([sys.executable, "-c", script], timeout=120, check=True)
+
+
+def test_a_film_is_shown_while_another_thread_shoots() -> None:
+    batch = Batch([MODEL] * 64, threads=1)
+    film = Film(MODEL)
+    runs = threading.Thread(target=batch.run, args=(1.0,))
+    shoots = threading.Thread(target=film.shoot, args=(batch, 0))
+    runs.start()
+    shoots.start()
+    for _ in range(20):
+        assert "x" in film.to_html("x")
+    runs.join()
+    shoots.join()
+
+
+def test_what_is_no_number_or_too_large_is_refused_in_a_sentence() -> None:
+    batch = Batch([MODEL] * 2)
+    for call in (lambda: batch.run(True), lambda: batch.model(True), lambda: batch.run(0.1, np.True_)):
+        with pytest.raises(TypeError, match="True is no number"):
+            call()
+    for wrong in ([np.array(True), 3.0], [np.ma.array(1.0, mask=True), 2.0], {1.0, 2.0}):
+        with pytest.raises(ValueError, match="f_hz"):
+            batch.set_drive(wrong, 0)
+    with pytest.raises(ValueError, match="masked"):
+        batch.reset([1, 2], positions=[np.ma.array([1.0, 2.0], mask=[1, 0])] * 2)
+    with pytest.raises(ValueError, match="2 dimensions"):
+        batch.reset([1], robots=[0], positions=[0.0, 0.0])
+    with pytest.raises(ValueError, match="rad"):
+        batch.reset([1, 2], headings=[0.0, 1e300])
+    with pytest.raises(TypeError, match="one a robot"):
+        batch.reset([1, 2], models=MODEL)
+    batch.reset((seed for seed in (3, 4)), robots=iter([1, 0]))
+    with pytest.raises(ValueError, match="set"):
+        batch.reset([1], robots={0})
+
+
+def test_seeds_of_mobility_are_whole_numbers_of_64_bits() -> None:
+    seeds = [2**63 + 1, 0]
+    assert mobility(MODEL, [10.0], 0, seeds, 0.01)["seed"].tolist() == seeds
+    for wrong in ([True, 1], bytearray(b"\1")):
+        with pytest.raises(ValueError, match="seeds"):
+            mobility(MODEL, [10.0], 0, wrong, 0.01)
+    with pytest.raises(ValueError, match="f_hz"):
+        mobility(MODEL, [True, 10.0], 0, 0, 0.01)

@@ -290,13 +290,11 @@ def test_a_lap_counts_forwards_however_few_points_the_path_has(corners: int) -> 
     path = 0.2 * np.stack([np.cos(around), np.sin(around)], axis=1)
     envs = FlixWalkerVectorEnv(1, "path", path=path, threads=1, interval=0.002)
     envs.reset(seed=1)
-    laps = 0
+    way = 0.0
     for angle in np.linspace(0.0, 2.0 * np.pi, 200):
         envs.batch.reset([1], positions=[[0.2 * np.cos(angle), 0.2 * np.sin(angle)]])
-        before = envs.nearest.copy()
-        envs._follow()
-        laps += int(((envs.nearest - before + corners // 2) % corners - corners // 2)[0])
-    assert laps == corners
+        way += envs._follow()[0]
+    assert way == pytest.approx(envs.length)
 
 
 @pytest.mark.parametrize("path", [[[0.4, 0], [0.2, 0], [0, 0], [0.2, 0]], [[0, 0], [0.2, 0], [0.4, 0]]])
@@ -307,6 +305,172 @@ def test_a_path_that_turns_back_has_a_direction_everywhere(path: list[list[float
     envs.batch.reset([1, 2], positions=envs.path[[0, 0]] + [[0, 0.02], [0, 0.3]])
     _, reward, terminated, *_ = envs.step(np.zeros((2, 2)))
     assert np.isfinite(reward).all() and terminated.tolist() == [False, True]
+
+
+def follow(envs: FlixWalkerVectorEnv, places: np.ndarray) -> float:
+    """Carry all robots from place to place, and return the least way along the path that is counted."""
+    way = np.zeros(envs.num_envs)
+    for place in places:
+        envs.batch.reset(range(envs.num_envs), positions=[place] * envs.num_envs)
+        way += envs._follow()
+    return float(way.min())
+
+
+@pytest.mark.parametrize("version", [FlixWalkerPathVectorEnv, lambda *given, **named: FlixWalkerVectorEnv(*given, "path", **named)])
+@pytest.mark.parametrize("path", [[[0.4, 0], [0.2, 0], [0, 0], [0.2, 0]], [[0, 0], [0.2, 0], [0.4, 0]]])
+def test_a_path_that_turns_back_is_followed_to_its_tip_and_back(version: Callable, path: list[list[float]]) -> None:
+    envs = version(40, path=path, threads=1)
+    envs.reset(seed=1)
+    start, tip = envs.path[0, 0], 0.4 - envs.path[0, 0]
+    out = np.column_stack([np.linspace(start, tip, 30), np.zeros(30)])
+    assert follow(envs, out[1:]) == pytest.approx(0.4, abs=0.005)
+    assert follow(envs, out[::-1]) == pytest.approx(0.4, abs=0.005)
+
+
+def test_who_turns_back_before_the_tip_has_walked_back() -> None:
+    envs = FlixWalkerPathVectorEnv(40, path=[[0, 0], [0.2, 0], [0.4, 0]], threads=1)
+    envs.reset(seed=1)
+    out = np.column_stack([np.linspace(0.0, 0.35, 30), np.zeros(30)])
+    assert follow(envs, out[1:]) == pytest.approx(0.35, abs=0.005)
+    assert follow(envs, out[::-1]) == pytest.approx(-0.35, abs=0.005)
+
+
+@pytest.mark.parametrize("points", [5, 9])
+def test_a_path_that_ends_where_it_begins_is_closed_once(points: int) -> None:
+    corners = np.array([[0, 0], [0.4, 0], [0.4, 0.4], [0, 0.4], [0, 0]])
+    at = np.linspace(0, 4, points)
+    path = np.column_stack([np.interp(at, range(5), corners[:, axis]) for axis in range(2)])
+    envs = FlixWalkerVectorEnv(1, path=path, threads=1)
+    envs.reset(seed=1)
+    assert abs(envs.step(np.zeros((1, 2)))[1][0]) < 1e-3
+    assert follow(envs, path[1:]) == pytest.approx(1.6)
+
+
+def test_the_way_along_a_path_is_that_between_its_points() -> None:
+    envs = FlixWalkerVectorEnv(1, path=[[0, 0], [0.01, 0], [1, 0]], interval=0.05, threads=1)
+    envs.reset(seed=1)
+    assert follow(envs, np.array([[0.009, 0.0]])) == pytest.approx(0.01)
+
+
+def test_a_path_is_long_enough_for_the_interval_or_refused() -> None:
+    angle = np.linspace(0, 2 * np.pi, 300, endpoint=False)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)]) / (2 * np.pi)
+    for version in (FlixWalkerPathVectorEnv, FlixWalkerVectorEnv):
+        with pytest.raises(ValueError, match="or another interval"):
+            version(1, path=circle, interval=1.0)
+    envs = FlixWalkerPathVectorEnv(1, path=circle, interval=0.8, threads=1)
+    envs.reset(seed=1)
+    # Three laps, backwards, as fast as a robot may be.
+    laps = np.linspace(0, -3 * 2 * np.pi, 15)
+    places = np.column_stack([np.cos(laps), np.sin(laps)]) / (2 * np.pi)
+    assert follow(envs, places[1:]) == pytest.approx(-3.0, abs=0.02)
+
+
+@pytest.mark.parametrize("interval", [0.01, 0.05, 0.25])
+@pytest.mark.parametrize("action", [[0.14, 0.0], [0.3, 0.0], [0.7, 0.22]])
+def test_who_trembles_and_goes_nowhere_earns_nothing(interval: float, action: list[float]) -> None:
+    envs = FlixWalkerVectorEnv(4, "speed", interval=interval, threads=1)
+    envs.reset(seed=1)
+    # Back and forth, faster than rotors follow.
+    paid = sum(envs.step(np.tile(action, (4, 1)) * [(-1.0) ** step, 1.0])[1] for step in range(round(3.0 / interval)))
+    gone = np.hypot(*(envs.batch.position[:, :2]).T)
+    assert (paid <= 2.0 * gone + 0.02).all(), (paid, gone)
+
+
+def test_a_change_of_the_drive_takes_from_the_first_action_on_as_long_as_in_the_robot() -> None:
+    envs = FlixWalkerVectorEnv(1, "speed", interval=0.02, threads=1)
+    envs.reset(seed=1)
+    for step in range(50):
+        envs.step(np.array([[(-1.0) ** step, 0.22]]))
+    # f never leaves the neighbourhood of 0.
+    assert np.abs(envs.batch.position).max() < 0.1 and envs.batch.energy[0] < 0.3
+
+
+def test_braking_pays_nothing_and_walking_pays() -> None:
+    envs = FlixWalkerVectorEnv(8, "transport", threads=1)
+    envs.reset(seed=1)
+    forward, still = np.tile([-30 / 35, 1 / 3], (8, 1)), np.zeros((8, 2))
+    paid = [envs.step(action)[1] for action in [*[forward] * 20, still, still]]
+    assert np.max(paid[-2:]) <= 0.005 and np.mean(paid[4:20]) > 0.0
+
+
+def test_a_state_is_of_an_environment_that_was_made_alike_or_nothing_changes() -> None:
+    slippery = flixwalker.Model("W").replace({"legs.fl.friction": 0.3})
+    one = FlixWalkerVectorEnv(1, "speed")
+    others = [FlixWalkerVectorEnv(1, "speed", **more) for more in (
+        {"model": slippery}, {"interval": 0.5}, {"seconds": 3.0}, {"actions": "modes"},
+        {"randomize": {"legs.fl.friction": (0.5, 1.5)}},
+    )]
+    one.reset(seed=1)
+    before = one.get_state()
+    for other in others:
+        other.reset(seed=1)
+        with pytest.raises(ValueError, match="made otherwise"):
+            one.set_state(other.get_state())
+    for wrong in ({}, {"made": 1}, before | {"seeds": 1}):
+        with pytest.raises(ValueError, match="no state of such"):
+            one.set_state(wrong)
+    home, speed = (gymnasium.make("FlixWalker-v1", task=task).unwrapped for task in ("home", "speed"))
+    home.reset(seed=1), speed.reset(seed=2)
+    random = home.np_random
+    for wrong in (speed.get_state(), {}, before):
+        with pytest.raises(ValueError, match="state|made"):
+            home.set_state(wrong)
+    assert home.np_random is random
+
+
+def test_a_reset_that_is_refused_has_not_happened() -> None:
+    envs = FlixWalkerVectorEnv(2, **SHORT)
+    with pytest.raises(ValueError, match="3 seeds"):
+        envs.reset(seed=[1, 2, 3])
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.step(np.zeros((2, 2)))
+
+
+def test_what_is_taken_for_numbers_elsewhere_is_refused() -> None:
+    env = gymnasium.make("FlixWalker-v1", **SHORT).unwrapped
+    env.reset(seed=1)
+    half = np.ma.array([0.9, 0.5], mask=[1, 0])
+    for action in ([True, 0.5], bytearray(b"\1\0"), half, [np.array(True), 0.5]):
+        with pytest.raises(ValueError, match="holds"):
+            env.step(action)
+    envs = FlixWalkerVectorEnv(2, **SHORT)
+    envs.reset(seed=1)
+    with pytest.raises(ValueError, match="masked"):
+        envs.step([half, half])
+    for wrong in (0, -1, True, 1.5):
+        with pytest.raises(ValueError, match="num_envs"):
+            FlixWalkerVectorEnv(wrong)
+    with pytest.raises(ValueError, match="step is"):
+        FlixWalkerVectorEnv(1, interval=0.05, step=0.05)
+    for bounds in ((1, 2, 3), "low", (True, 2)):
+        with pytest.raises(ValueError, match="randomize"):
+            FlixWalkerVectorEnv(1, randomize={"legs.fl.friction": bounds})
+    with pytest.raises(ValueError, match="no number"):
+        FlixWalkerVectorEnv(1, randomize={"legs.fl": (0.5, 1.5)})
+
+
+def test_a_path_is_the_environments_own() -> None:
+    path = flixwalker.env.figure_eight()
+    envs = FlixWalkerVectorEnv(1, path=path)
+    path[:] = 0.0
+    assert envs.path.any()
+
+
+def test_a_generator_that_is_set_draws_the_next_start() -> None:
+    env = gymnasium.make("FlixWalker-v1", task="home", **SHORT).unwrapped
+    starts = []
+    for _ in range(2):
+        env.np_random = np.random.default_rng(3)
+        starts.append(env.reset()[0])
+    assert (starts[0] == starts[1]).all() and not (env.reset()[0] == starts[0]).all()
+
+
+def test_an_episode_of_short_intervals_becomes_a_page() -> None:
+    env = gymnasium.make("FlixWalker-v1", interval=5e-4, render_mode="html")
+    env.reset(seed=1)
+    env.step(np.zeros(2, dtype=np.float32))
+    assert "FlixWalker" in env.render()
 
 
 def test_the_seed_is_the_one_that_was_given() -> None:
@@ -322,5 +486,5 @@ def test_what_would_mean_two_things_is_refused() -> None:
         gymnasium.make("FlixWalker-v1", autoreset_mode=AutoresetMode.SAME_STEP)
     speed, home = (FlixWalkerVectorEnv(1, task) for task in ("speed", "home"))
     speed.reset(seed=1)
-    with pytest.raises(ValueError, match="another task"):
+    with pytest.raises(ValueError, match="made otherwise"):
         home.set_state(speed.get_state())

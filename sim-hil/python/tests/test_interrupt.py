@@ -24,7 +24,7 @@ def walked_robot() -> Robot:
 
 
 def slow_env() -> FlixWalkerVectorEnv:
-    envs = FlixWalkerVectorEnv(64, interval=1e4, seconds=1e5)
+    envs = FlixWalkerVectorEnv(64, "speed", interval=1e4, seconds=1e5)
     envs.reset(seed=1)
     return envs
 

@@ -94,3 +94,17 @@ def test_a_beam_of_another_size_is_as_stiff_as_before_and_that_is_said() -> None
         warnings.simplefilter("error")
         Model("W").replace({"legs.thickness_mm": 2.0, "legs.bend_stiffness_n_m_rad": 0.3})
         Model("W").replace({"plate.length_mm": 200.0})
+
+
+def test_a_value_of_another_kind_is_refused_with_its_field() -> None:
+    for value in ("300", True, None, [0.5], {}):
+        with pytest.raises(ValueError, match="body.total_mass_g is"):
+            Model("W").replace({"legs.fl.friction": 0.5, "body.total_mass_g": value})
+    assert "legs.fl.friction" in Model("W") and "legs.colour" not in Model("W")
+
+
+def test_a_name_of_any_characters_is_exported() -> None:
+    import xml.etree.ElementTree
+
+    model = Model("W").replace({"name": 'a\0b\x07"<&>'})
+    assert xml.etree.ElementTree.fromstring(model.mjcf(1e-4)).get("model") == 'ab"<&>'

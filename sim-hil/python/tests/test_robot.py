@@ -121,3 +121,40 @@ def test_a_copy_of_a_robot_goes_on_with_the_same_bits() -> None:
             robot.set_state(damaged)
     with pytest.raises(ValueError, match="of release 9"):
         robot.set_state(state.replace(b'"release":"0', b'"release":"9'))
+
+
+def test_time_passes_by_whole_ticks_of_the_software() -> None:
+    robot = Robot(Model("W"))
+    for part in (2.5e-4, 1e-9, 1.5e-6):
+        with pytest.raises(ValueError, match="whole number of steps"):
+            robot.run(part)
+    robot.run(3e-4)
+    assert robot.time == pytest.approx(3e-4)
+
+
+def test_two_threads_run_a_robot_for_the_time_of_both() -> None:
+    robot = Robot(Model("W"))
+    threads = [threading.Thread(target=robot.run, args=(0.7,)) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert robot.time == pytest.approx(1.4)
+
+
+def test_a_robot_takes_numbers_alone() -> None:
+    model = Model("W")
+    robot = Robot(model)
+    for call in (
+        lambda: Robot(model, seed=True),
+        lambda: robot.drive(True, 0.0),
+        lambda: robot.run(np.True_),
+        lambda: robot.setting("frequency_ramp", True),
+    ):
+        with pytest.raises(TypeError, match="True is no number"):
+            call()
+    for call in (lambda: Robot(model, seed=-1), lambda: Robot(model, seed=2**64), lambda: Model.random(-1)):
+        with pytest.raises(ValueError, match="a seed is -?[0-9]+: choose"):
+            call()
+    with pytest.raises(ValueError, match="rad"):
+        Robot(model, heading=1e300)

@@ -5,10 +5,10 @@
 pub mod bench;
 pub mod hardware_fault;
 pub mod lossy_network;
-pub mod mode_table;
 pub mod motion_capture;
 #[cfg(not(target_family = "wasm"))]
 pub mod network_task;
 pub mod operation;
+pub mod shipped_mode_tables;
 pub mod simulated;
 pub mod wiring_fault;

@@ -89,6 +89,13 @@ impl Journal {
         // Whatever damage made of it: rows are checked one by one.
         let mut bytes = Vec::new();
         io::Read::read_to_end(&mut file, &mut bytes).map_err(failed)?;
+        if bytes.windows(2).any(|pair| pair == b"\r\n") {
+            // An editor or a transfer has ended its lines as Windows does.
+            bytes.retain(|byte| *byte != b'\r');
+            file.set_len(0).map_err(failed)?;
+            file.seek(SeekFrom::Start(0)).map_err(failed)?;
+            file.write_all(&bytes).map_err(failed)?;
+        }
         let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |last| last + 1);
         let text = String::from_utf8_lossy(&bytes);
 

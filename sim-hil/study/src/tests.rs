@@ -196,3 +196,16 @@ fn rows_that_were_changed_joined_or_torn_are_computed_again() {
         }
     }
 }
+
+#[test]
+fn rows_that_end_as_on_windows_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = run(&Squares::new(5), &options(folder.path(), "1/1")).unwrap();
+    let path = folder.path().join("cells.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace('\n', "\r\n")).unwrap();
+    let again = Squares::new(5);
+    assert_eq!(run(&again, &options(folder.path(), "1/1")).unwrap(), whole);
+    assert_eq!(again.computed.into_inner(), 0);
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+}

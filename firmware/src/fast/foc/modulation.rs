@@ -41,8 +41,8 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Derives all from the bus voltage and the share of a PWM period that dead time takes (2^-31). The only
-    /// divisions of the fast loop; every few ticks is often enough. Never panics.
+    /// Derives all from the bus voltage and the share of a PWM period that dead time takes (2^-31). It
+    /// divides, so every few ticks is often enough. Never panics.
     #[must_use]
     pub const fn new(voltage: Voltage, dead_share: i32) -> Self {
         let voltage = voltage.raw();

@@ -13,7 +13,7 @@ use crate::arguments::ModelArgs;
 use crate::error::Error;
 use crate::output::print;
 use flix_sim::experiment::walk::require_walker;
-use flix_sim::rig::mode_table::shipped_table;
+use flix_sim::rig::shipped_mode_tables::shipped_table;
 use flix_study::Table;
 use flix_study::controllers::{CONTROLLERS, Controllers, Taken, is_better, taken, worst_third};
 

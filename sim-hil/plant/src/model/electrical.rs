@@ -1,6 +1,6 @@
 //! The electrical part of a robot as data: the section `[electrical]` of a model file.
 //!
-//! Every key may be left out; its default is the **assumed** value, and its source stands beside it, as the paper
+//! Every key may be left out; its default stands beside it with its source: the paper, a data sheet, or *assumed*, as the paper
 //! names neither motor nor encoder. `sim-hil/examples/own-robot.toml` has all of them.
 //!
 //! What the software on a real robot would know (board, amplifiers, dead time) it knows of this robot too. What an

@@ -1,8 +1,8 @@
-//! The robot as data: every geometric, mass, leg, foot and contact parameter, with its unit in its name.
+//! The robot as data: every geometric, mass, leg, foot, contact and electrical parameter, with its unit in its name.
 //!
 //! A [`RobotModel`] is read from TOML ([`RobotModel::from_toml`]) or taken by name
-//! ([`RobotModel::named`]: `A`, `W`, `calibrated`, `flix`, `bench-fixed`, `bench-planar`, `random-SEED`). Unknown keys are refused, so a key with
-//! another unit (`mass_kg` for `mass_g`) is too; every value has a range.
+//! ([`RobotModel::named`]: `A`, `W`, `calibrated`, `flix`, `bench-fixed`, `bench-planar`, `random-SEED`, `stranger-SEED`, or a file). Unknown keys are refused, so a key
+//! with another unit (`mass_kg` for `mass_g`) is too; every value has a range.
 //!
 //! Axes are FLU (x forward, y left, z up) about the **origin**: the middle of the plate, on its mid-plane,
 //! which is also where the shaker's axis passes. Legs are named `fl fr rl rr`.

@@ -8,8 +8,9 @@ pub(super) fn line(out: &mut String, depth: usize, text: &str) {
     let _ = writeln!(out, "{:indent$}{text}", "", indent = 2 * depth);
 }
 
-/// Returns a text as it may stand between quotation marks.
+/// Returns a text as it may stand between quotation marks; control characters may not.
 pub(super) fn escape(text: &str) -> String {
+    let text: String = text.chars().filter(|it| !it.is_control()).collect();
     text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
 }
 

@@ -1,4 +1,4 @@
-//! One robot, and four at a time.
+//! One robot, its four legs computed side by side.
 
 use core::f64::consts::TAU;
 
