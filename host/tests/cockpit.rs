@@ -5,10 +5,11 @@ use std::time::Duration;
 use crate::support::{FakeRobot, key};
 use flix_host::link::Client;
 use flix_host::teleop::Cockpit;
-use flix_host::teleop::action::{Action, Mode};
+use flix_host::teleop::action::Action;
 use flix_host::teleop::page::message::{Message, Request};
 use flix_host::teleop::page::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
 use flix_host::teleop::page::snapshot::snapshot;
+use flix_host::teleop::paper_modes::PaperMode;
 use flix_protocol::message::{Command, Fault, Setpoint, State};
 use flix_protocol::units::Instant;
 use serde_json::json;
@@ -53,8 +54,8 @@ impl Room {
     fn walking() -> Self {
         let mut room = Self::new();
         room.act(ANNA, Action::Arm);
-        room.act(ANNA, Action::Walk(Mode::Forward));
-        assert_eq!(room.robot.setpoint, Mode::Forward.setpoint());
+        room.act(ANNA, Action::Walk(PaperMode::Forward));
+        assert_eq!(room.robot.setpoint, PaperMode::Forward.setpoint());
         room
     }
 
@@ -112,7 +113,7 @@ impl Room {
 
 #[test]
 fn every_mode_of_a_page_drives_its_pair() {
-    for mode in Mode::ALL {
+    for mode in PaperMode::ALL {
         let mut room = Room::walking();
         room.act(ANNA, Action::Walk(mode));
         assert_eq!(room.robot.setpoint, mode.setpoint(), "{mode:?}");
@@ -123,7 +124,10 @@ fn every_mode_of_a_page_drives_its_pair() {
 fn a_page_that_goes_on_to_look_goes_on_to_walk() {
     let mut room = Room::walking();
     room.run(Duration::from_secs(30));
-    assert_eq!((room.robot.state, room.robot.setpoint), (State::Running, Mode::Forward.setpoint()));
+    assert_eq!(
+        (room.robot.state, room.robot.setpoint),
+        (State::Running, PaperMode::Forward.setpoint())
+    );
 }
 
 #[test]
@@ -144,8 +148,8 @@ fn a_page_that_thaws_does_not_walk_on() {
     room.lively.push((ANNA, Duration::ZERO));
     room.run(Duration::from_secs(2));
     assert_eq!((room.robot.state, room.robot.setpoint), (State::Armed, Setpoint::REST));
-    room.act(ANNA, Action::Walk(Mode::LeftTurn));
-    assert_eq!(room.robot.setpoint, Mode::LeftTurn.setpoint());
+    room.act(ANNA, Action::Walk(PaperMode::LeftTurn));
+    assert_eq!(room.robot.setpoint, PaperMode::LeftTurn.setpoint());
 }
 
 #[test]
@@ -161,7 +165,7 @@ fn a_command_that_was_held_back_moves_nothing() {
     let mut room = Room::walking();
     room.act(ANNA, Action::Rest);
     let late = SIGN_OF_LIFE + Duration::from_millis(1);
-    room.say(ANNA, Some(Request::Act(Action::Walk(Mode::Forward))), late).unwrap();
+    room.say(ANNA, Some(Request::Act(Action::Walk(PaperMode::Forward))), late).unwrap();
     room.run(Duration::from_millis(100));
     assert_eq!(room.robot.setpoint, Setpoint::REST);
     assert!(room.log().contains("too slow"), "{}", room.log());
@@ -254,10 +258,10 @@ fn a_second_page_watches_and_may_only_stop() {
     let mut room = Room::walking();
     room.open(BOB);
     for action in
-        [Action::Rest, Action::Disarm, Action::Walk(Mode::LeftTurn), Action::Frequency(1.0)]
+        [Action::Rest, Action::Disarm, Action::Walk(PaperMode::LeftTurn), Action::Frequency(1.0)]
     {
         room.act(BOB, action);
-        assert_eq!(room.robot.setpoint, Mode::Forward.setpoint(), "{action:?}");
+        assert_eq!(room.robot.setpoint, PaperMode::Forward.setpoint(), "{action:?}");
     }
     room.act(BOB, Action::Stop);
     assert!(room.robot.stopped);
@@ -301,10 +305,10 @@ fn taking_over_is_explicit_and_begins_at_rest() {
     room.say(BOB, Some(Request::Drive), Duration::ZERO).unwrap();
     room.run(Duration::from_millis(100));
     assert_eq!((room.pages.driver(), room.robot.setpoint), (Some(BOB), Setpoint::REST));
-    room.act(ANNA, Action::Walk(Mode::Forward));
+    room.act(ANNA, Action::Walk(PaperMode::Forward));
     assert_eq!(room.robot.setpoint, Setpoint::REST);
-    room.act(BOB, Action::Walk(Mode::RightTurn));
-    assert_eq!(room.robot.setpoint, Mode::RightTurn.setpoint());
+    room.act(BOB, Action::Walk(PaperMode::RightTurn));
+    assert_eq!(room.robot.setpoint, PaperMode::RightTurn.setpoint());
 }
 
 #[test]
@@ -356,7 +360,7 @@ fn a_snapshot_explains_a_fault_and_states_who_drives() {
     let mut room = Room::new();
     room.act(ANNA, Action::Arm);
     room.robot.fault_when_running = Some(Fault::Stall);
-    room.act(ANNA, Action::Walk(Mode::Forward));
+    room.act(ANNA, Action::Walk(PaperMode::Forward));
     let seen = snapshot(&room.cockpit, &room.pages, room.now);
     assert_eq!((&seen["driver"], &seen["telemetry"]["state"]), (&1.into(), &"faulted".into()));
     let help = seen["telemetry"]["faults"][0]["help"].as_str().unwrap();
@@ -443,7 +447,7 @@ fn settings_are_read_again_from_a_robot_that_restarts() {
 fn who_drives_already_and_asks_to_drives_on() {
     let mut room = Room::walking();
     room.ask(ANNA, Request::Drive);
-    assert_eq!(room.robot.setpoint, Mode::Forward.setpoint());
+    assert_eq!(room.robot.setpoint, PaperMode::Forward.setpoint());
 }
 
 #[test]

@@ -3,7 +3,7 @@
 //!
 //! `cargo run -p flix-sim --example record-trace -- FILE`
 
-use flix_host::teleop::action::Mode;
+use flix_host::teleop::paper_modes::PaperMode;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -112,7 +112,7 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
     recording.ticks(REST_TICKS)?;
     recording.asked.requests.arm = recording.asked.requests.arm.wrapping_add(1);
     recording.until(State::Armed)?;
-    for (frequency, direction) in Mode::ALL.map(Mode::pair) {
+    for (frequency, direction) in PaperMode::ALL.map(PaperMode::pair) {
         let setpoint = setpoint(frequency, direction)?;
         recording.asked.set(&setpoint, true);
         recording.ticks(MODE_TICKS)?;

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use flix_host::commission::{CommissionError, Finding, Known, Phase};
 use flix_host::link::RobotLink;
-use flix_host::teleop::action::Mode;
+use flix_host::teleop::paper_modes::PaperMode;
 use flix_protocol::message::{Fault, Faults};
 use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::{RobotModel, SIMULATED_BOARD};
@@ -68,8 +68,8 @@ fn broken(
 /// Shuts down these bridges of robots without current sense, in every mode and for so long; returns how often that was reported.
 fn shut_down(base: Base, bridges: &[HardwareFault]) -> usize {
     let mut reported = 0;
-    for (seed, mode) in
-        (1..).zip(Mode::ALL.map(Mode::pair).into_iter().chain([(35.0, 0.0), (12.0, -20.0)]))
+    for (seed, mode) in (1..)
+        .zip(PaperMode::ALL.map(PaperMode::pair).into_iter().chain([(35.0, 0.0), (12.0, -20.0)]))
     {
         for milliseconds in [20, 50, 100, 200, 1_000] {
             let mut operation = holding(&subject(base, false, seed), base, mode);
@@ -129,7 +129,7 @@ fn without_current_sense_pushes_are_no_fault() {
 fn held_is_a_stall(senses_current: bool) {
     for seed in 0..120 {
         let base = BASES[seed as usize % 2];
-        let mode = Mode::ALL[seed as usize / 2 % 5].pair();
+        let mode = PaperMode::ALL[seed as usize / 2 % 5].pair();
         // N m: as much as four motors, and as a wall.
         let friction = [0.2, 1.0][seed as usize / 10 % 2];
         let mut operation = holding(&subject(base, senses_current, seed), base, mode);

@@ -21,7 +21,7 @@ use flix_host::record::{RecordError, Recorder};
 use flix_host::system::Clock;
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
-use flix_host::teleop::action::Mode;
+use flix_host::teleop::paper_modes::PaperMode;
 use flix_shell::number::in_unit;
 use flix_shell::output::{
     milliseconds, optional_path_as_text, print, print_json, progress, waiting,
@@ -459,7 +459,7 @@ fn describe(report: &Report) -> String {
         ),
     };
     if let Some(moved) = &report.moved {
-        let turns = [Mode::LeftTurn, Mode::RightTurn].map(Mode::setpoint);
+        let turns = [PaperMode::LeftTurn, PaperMode::RightTurn].map(Mode::setpoint);
         let Commanded { frequency_hz, direction_deg } = report.commanded;
         let is_turn = turns.iter().any(|turn| {
             (turn.frequency().get(), turn.direction().get()) == (frequency_hz, direction_deg)

@@ -8,8 +8,9 @@ use flix_host::link::Client;
 use flix_host::nav::PlanarPose;
 use flix_host::pose::{Picture, Pose, PoseSample};
 use flix_host::teleop::Cockpit;
-use flix_host::teleop::action::{Action, Mode};
+use flix_host::teleop::action::Action;
 use flix_host::teleop::cockpit::Sample;
+use flix_host::teleop::paper_modes::PaperMode;
 use flix_protocol::message::{Fault, Setpoint, State};
 use flix_protocol::units::Instant;
 use ratatui::Terminal;
@@ -88,9 +89,9 @@ fn a_new_session_fits_80_by_24() {
 #[test]
 fn a_walk_shows_setpoint_rotors_and_force() {
     let mut desk = Desk::armed();
-    desk.press(Action::Walk(Mode::LeftTurn));
+    desk.press(Action::Walk(PaperMode::LeftTurn));
     desk.run(Duration::from_secs(6));
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     desk.run(Duration::from_secs(6));
     insta::assert_snapshot!(desk.picture(80, 24));
 }
@@ -98,7 +99,7 @@ fn a_walk_shows_setpoint_rotors_and_force() {
 #[test]
 fn a_small_terminal_shows_how_fast_it_shakes_and_how_it_stops() {
     let mut desk = Desk::armed();
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     desk.run(Duration::from_secs(6));
     let picture = desk.picture(60, 10);
     for shown in ["RUNNING", "f -30.", "no faults", "space = stop"] {
@@ -110,14 +111,14 @@ fn a_small_terminal_shows_how_fast_it_shakes_and_how_it_stops() {
 fn a_fault_is_shown_in_plain_words_with_its_first_cause() {
     let mut desk = Desk::armed();
     desk.robot.fault_when_running = Some(Fault::Stall);
-    desk.press(Action::Walk(Mode::RightTurn));
+    desk.press(Action::Walk(PaperMode::RightTurn));
     insta::assert_snapshot!(desk.picture(80, 24));
 }
 
 #[test]
 fn a_silent_robot_is_shown_as_such() {
     let mut desk = Desk::armed();
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     desk.is_cut = true;
     desk.run(Duration::from_millis(600));
     insta::assert_snapshot!(desk.picture(80, 24));
@@ -126,7 +127,7 @@ fn a_silent_robot_is_shown_as_such() {
 #[test]
 fn a_larger_terminal_gives_room_to_histories_and_log() {
     let mut desk = Desk::armed();
-    desk.press(Action::Walk(Mode::StrafeRight));
+    desk.press(Action::Walk(PaperMode::StrafeRight));
     desk.run(Duration::from_secs(20));
     insta::assert_snapshot!(desk.picture(120, 40));
 }
@@ -144,7 +145,7 @@ fn a_tiny_terminal_still_shows_state_and_stop() {
 
 #[test]
 fn every_mode_key_drives_its_pair_of_table_iv() {
-    for mode in Mode::ALL {
+    for mode in PaperMode::ALL {
         let mut desk = Desk::armed();
         desk.press(Action::Walk(mode));
         assert_eq!(desk.robot.setpoint, mode.setpoint(), "{mode:?}");
@@ -155,7 +156,7 @@ fn every_mode_key_drives_its_pair_of_table_iv() {
 #[test]
 fn f_and_theta_move_in_steps_and_stay_in_range() {
     let mut desk = Desk::armed();
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     for _ in 0..20 {
         desk.press(Action::Frequency(-1.0));
         desk.press(Action::Direction(5.0));
@@ -176,7 +177,7 @@ fn a_key_that_is_held_changes_a_walk_and_is_no_new_wish() {
         (desk.robot.setpoint.frequency().get(), desk.robot.intent)
     };
     assert_eq!(step(&mut desk).0, 0.0, "at rest");
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     let wish = desk.robot.intent;
     assert_eq!(step(&mut desk), (-29.0, wish));
     desk.press(up);
@@ -192,7 +193,7 @@ fn a_step_of_f_begins_no_walk_and_one_to_zero_ends_it() {
         desk.press(Action::Frequency(step));
         assert_eq!(desk.robot.setpoint, Setpoint::REST);
     }
-    desk.press(Action::Walk(Mode::RightTurn));
+    desk.press(Action::Walk(PaperMode::RightTurn));
     for _ in 0..40 {
         desk.press(Action::Frequency(-1.0));
     }
@@ -205,12 +206,12 @@ fn a_robot_without_an_operator_rests_and_the_time_left_is_shown() {
     desk.cockpit.be_attended(Duration::from_secs(30), desk.now);
     desk.run(Duration::from_secs(60));
     assert_eq!(desk.cockpit.walks_for(), None, "it does not walk");
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     desk.run(Duration::from_secs(20));
     insta::assert_snapshot!(desk.picture(80, 24));
     desk.cockpit.attend(desk.now);
     desk.run(Duration::from_secs(29));
-    assert_eq!(desk.robot.setpoint, Mode::Forward.setpoint());
+    assert_eq!(desk.robot.setpoint, PaperMode::Forward.setpoint());
     for _ in 0..101 {
         desk.run(Duration::from_millis(10));
         desk.cockpit.watch(&mut desk.client, desk.now);
@@ -223,7 +224,7 @@ fn a_robot_without_an_operator_rests_and_the_time_left_is_shown() {
 #[test]
 fn a_line_of_force_at_90_degrees_does_not_seem_to_jump() {
     let mut desk = Desk::armed();
-    desk.press(Action::Walk(Mode::LeftTurn));
+    desk.press(Action::Walk(PaperMode::LeftTurn));
     let mut telemetry = desk.robot.telemetry(desk.now);
     for (measured, shown) in [(89.5, 89.5), (-89.5, 90.5), (90.0, 90.0), (-90.0, 90.0)] {
         telemetry.direction = flix_protocol::units::Degrees::saturating(measured);
@@ -234,7 +235,8 @@ fn a_line_of_force_at_90_degrees_does_not_seem_to_jump() {
 #[test]
 fn nothing_moves_before_arming() {
     let mut desk = Desk::new();
-    for action in [Action::Walk(Mode::Forward), Action::Frequency(1.0), Action::Direction(5.0)] {
+    for action in [Action::Walk(PaperMode::Forward), Action::Frequency(1.0), Action::Direction(5.0)]
+    {
         desk.press(action);
     }
     assert_eq!((desk.robot.state, desk.robot.setpoint), (State::Disarmed, Setpoint::REST));
@@ -244,11 +246,11 @@ fn nothing_moves_before_arming() {
 #[test]
 fn stop_is_latched_until_cleared_and_then_armed_again() {
     let mut desk = Desk::armed();
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     desk.press(Action::Stop);
     assert!(desk.robot.stopped);
     desk.press(Action::Arm);
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     assert_eq!(desk.robot.setpoint, Setpoint::REST);
     desk.press(Action::Clear);
     desk.press(Action::Arm);
@@ -275,7 +277,7 @@ fn arming_at_once_waits_until_the_link_is_proven() {
 #[test]
 fn a_robot_that_was_lost_comes_back_at_rest() {
     let mut desk = Desk::armed();
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     desk.is_cut = true;
     desk.run(Duration::from_secs(6));
     desk.is_cut = false;
@@ -292,9 +294,9 @@ impl Desk {
         let mut desk = Self::armed();
         desk.see(1);
         desk.press(Action::HoldHeading);
-        desk.press(Action::Walk(Mode::Forward));
+        desk.press(Action::Walk(PaperMode::Forward));
         desk.see(50);
-        assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::RightTurn.setpoint());
+        assert_eq!(desk.robot.telemetry(desk.now).setpoint, PaperMode::RightTurn.setpoint());
         desk
     }
 
@@ -324,7 +326,7 @@ impl Desk {
 #[test]
 fn a_map_shows_way_and_heading_where_poses_are_known() {
     let mut desk = Desk::armed();
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     desk.see(100);
     insta::assert_snapshot!(desk.picture(80, 24));
 }
@@ -341,7 +343,7 @@ fn a_wide_terminal_shows_the_map_beside_the_shaker() {
 fn a_forward_walk_that_curves_is_reported_and_a_held_heading_turns_it_back() {
     let mut desk = Desk::armed();
     desk.see(1);
-    desk.press(Action::Walk(Mode::Forward));
+    desk.press(Action::Walk(PaperMode::Forward));
     desk.see(50);
     let curves = |desk: &Desk| {
         desk.cockpit.log.iter().any(|line| line.text.contains("forward curves to the left"))
@@ -373,11 +375,11 @@ fn a_heading_is_held_by_no_old_pose_and_ends_with_a_turn() {
         desk.cockpit.watch(&mut desk.client, desk.now);
         desk.run(Duration::from_millis(10));
     }
-    assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::Forward.setpoint());
+    assert_eq!(desk.robot.telemetry(desk.now).setpoint, PaperMode::Forward.setpoint());
     assert!(desk.cockpit.log.back().unwrap().text.contains("no pose for 0.5 s"));
-    desk.press(Action::Walk(Mode::LeftTurn));
+    desk.press(Action::Walk(PaperMode::LeftTurn));
     desk.see(50);
-    assert_eq!(desk.robot.telemetry(desk.now).setpoint, Mode::LeftTurn.setpoint());
+    assert_eq!(desk.robot.telemetry(desk.now).setpoint, PaperMode::LeftTurn.setpoint());
     assert_eq!(desk.cockpit.floor.as_ref().unwrap().held(), None);
 }
 
@@ -386,7 +388,7 @@ fn a_robot_that_walks_on_its_back_or_in_a_hand_is_stopped() {
     for (height, roll) in [(0.06, 3.0_f64), (0.3, 0.0)] {
         let mut desk = Desk::armed();
         desk.see(1);
-        desk.press(Action::Walk(Mode::Forward));
+        desk.press(Action::Walk(PaperMode::Forward));
         desk.see(20);
         assert!(!desk.robot.stopped);
         let mut pose = Pose::planar(PlanarPose::default(), height);

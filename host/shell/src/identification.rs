@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use flix_host::nav::{Area, Identification, IdentificationSettings, ModeTable};
-use flix_host::teleop::action::Mode;
+use flix_host::teleop::paper_modes::PaperMode;
 use flix_protocol::message::Setpoint;
 
 use crate::Error;
@@ -112,10 +112,10 @@ pub fn describe(modes: &ModeTable) -> String {
 
 /// Returns a remark on a turn that goes the other way.
 fn wrong_way(mode: &flix_host::nav::Mode) -> Option<String> {
-    let is = |turn: Mode| turn.setpoint() == mode.setpoint;
-    let (side, other, sign) = if is(Mode::LeftTurn) {
+    let is = |turn: PaperMode| turn.setpoint() == mode.setpoint;
+    let (side, other, sign) = if is(PaperMode::LeftTurn) {
         ("left", "right", 1.0)
-    } else if is(Mode::RightTurn) {
+    } else if is(PaperMode::RightTurn) {
         ("right", "left", -1.0)
     } else {
         return None;
@@ -147,13 +147,13 @@ mod tests {
             };
             describe(&ModeTable::new("robot", "test", vec![mode]).unwrap())
         };
-        assert!(of(Mode::LeftTurn, -1.0).contains("turning: it turns to the right, where"));
-        assert!(of(Mode::RightTurn, 1.0).contains("turning: it turns to the left, where"));
+        assert!(of(PaperMode::LeftTurn, -1.0).contains("turning: it turns to the right, where"));
+        assert!(of(PaperMode::RightTurn, 1.0).contains("turning: it turns to the left, where"));
         for (turn, mean) in [
-            (Mode::LeftTurn, 1.0),
-            (Mode::LeftTurn, -0.1),
-            (Mode::RightTurn, -1.0),
-            (Mode::Forward, -1.0),
+            (PaperMode::LeftTurn, 1.0),
+            (PaperMode::LeftTurn, -0.1),
+            (PaperMode::RightTurn, -1.0),
+            (PaperMode::Forward, -1.0),
         ] {
             assert!(!of(turn, mean).contains("it turns"), "{turn:?} {mean}");
         }

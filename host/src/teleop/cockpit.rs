@@ -9,9 +9,10 @@ use flix_protocol::message::{
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::{Hertz, Instant};
 
-use super::action::{Action, Mode};
+use super::action::Action;
 use super::attention::Attention;
 use super::floor::Floor;
+use super::paper_modes::PaperMode;
 use super::scope::{self, Viewer};
 use super::settings::{Answered, Settings};
 use crate::link::explain;
@@ -266,9 +267,9 @@ impl Cockpit {
                 if self.want(mode.setpoint(), client, now) {
                     self.note(now, Weight::Note, mode.name());
                     if let Some(floor) = &mut self.floor {
-                        floor.begin(mode == Mode::Forward);
+                        floor.begin(mode == PaperMode::Forward);
                         // Whoever turns wants another heading.
-                        if matches!(mode, Mode::LeftTurn | Mode::RightTurn)
+                        if matches!(mode, PaperMode::LeftTurn | PaperMode::RightTurn)
                             && floor.held().is_some()
                         {
                             self.hold_heading(now);

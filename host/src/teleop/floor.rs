@@ -7,7 +7,7 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::{Hertz, Instant};
 
-use super::action::Mode;
+use super::paper_modes::PaperMode;
 use crate::nav::{PlanarPose, Position, wrap};
 use crate::pose::{Pose, PoseSample};
 
@@ -114,8 +114,8 @@ impl Floor {
         hold.is_turning = error.abs() > if hold.is_turning { WALKS_AT } else { TURNS_AT };
         match hold.is_turning {
             false => setpoint,
-            true if error > 0.0 => Mode::LeftTurn.setpoint(),
-            true => Mode::RightTurn.setpoint(),
+            true if error > 0.0 => PaperMode::LeftTurn.setpoint(),
+            true => PaperMode::RightTurn.setpoint(),
         }
     }
 }
@@ -145,7 +145,7 @@ mod tests {
     fn a_robot_that_turns_away_from_a_held_heading_is_turned_back_to_it() {
         let mut floor = seen(&at(0, 3.0));
         floor.hold(true);
-        let forward = Mode::Forward.setpoint();
+        let forward = PaperMode::Forward.setpoint();
         let mut steered = |heading: f64| {
             let mut some = Some(floor.clone());
             Floor::observe(&mut some, &at(10, heading));
@@ -154,10 +154,14 @@ mod tests {
         };
         assert_eq!(steered(3.1), forward);
         // Across the wrap: 0.28 rad to the left of it.
-        assert_eq!(steered(-3.0), Mode::RightTurn.setpoint());
-        assert_eq!(steered(3.1), Mode::RightTurn.setpoint(), "it turns until it is well within");
+        assert_eq!(steered(-3.0), PaperMode::RightTurn.setpoint());
+        assert_eq!(
+            steered(3.1),
+            PaperMode::RightTurn.setpoint(),
+            "it turns until it is well within"
+        );
         assert_eq!(steered(3.03), forward);
-        assert_eq!(steered(2.7), Mode::LeftTurn.setpoint());
+        assert_eq!(steered(2.7), PaperMode::LeftTurn.setpoint());
     }
 
     #[test]
@@ -165,7 +169,7 @@ mod tests {
         let mut floor = seen(&at(0, 0.0));
         floor.hold(true);
         floor.pose.heading = 1.0;
-        let forward = Mode::Forward.setpoint();
+        let forward = PaperMode::Forward.setpoint();
         assert_eq!(floor.steer(Instant::from_micros(50_000), Setpoint::REST), Setpoint::REST);
         assert_eq!(floor.steer(Instant::from_micros(150_000), forward), forward);
         assert_ne!(floor.steer(Instant::from_micros(50_000), forward), forward);

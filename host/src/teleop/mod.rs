@@ -8,6 +8,7 @@ mod attention;
 pub mod cockpit;
 pub mod floor;
 pub mod page;
+pub mod paper_modes;
 pub mod scope;
 pub mod settings;
 

@@ -2,7 +2,7 @@
 //! asked, driven over UDP by hand and by a command, stopped from outside, given to a second operator and taken from him,
 //! forgotten.
 
-use flix_host::teleop::action::Mode;
+use flix_host::teleop::paper_modes::PaperMode;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{Read, Write};
@@ -50,7 +50,7 @@ const CONNECTED: &str = "wi-fi: connected";
 const ARMED: &str = "robot: armed";
 /// Keys of `flix teleop`: arm, the five modes in their order, disarm and leave.
 const ARM: u8 = b'\r';
-const MODE_KEYS: [u8; Mode::ALL.len()] = *b"wadqe";
+const MODE_KEYS: [u8; PaperMode::ALL.len()] = *b"wadqe";
 const LEAVE: u8 = b'\x1b';
 /// From one press of a key to the next.
 const PRESS_AGAIN: Duration = Duration::from_millis(500);
@@ -202,7 +202,7 @@ impl Desk<'_> {
         let from = self.live.rig.serial.len();
         press(ARM)?;
         self.until_log(from, ARMED)?;
-        for (pair, key) in Mode::ALL.map(Mode::pair).into_iter().zip(MODE_KEYS) {
+        for (pair, key) in PaperMode::ALL.map(PaperMode::pair).into_iter().zip(MODE_KEYS) {
             self.watch(pair, times)?;
             let mut due = self.live.rig.chip.now();
             self.measure(pair, |now| {
@@ -247,7 +247,7 @@ impl Desk<'_> {
 
     /// Drives with one setpoint until it is measured.
     fn drive(&mut self, times: Times) -> Result<(), JourneyError> {
-        let (f_hz, theta_deg) = Mode::Forward.pair();
+        let (f_hz, theta_deg) = PaperMode::Forward.pair();
         self.watch((f_hz, theta_deg), times)?;
         let child = self.start_driving((f_hz, theta_deg))?;
         self.measure((f_hz, theta_deg), |_| ())?;
@@ -277,7 +277,7 @@ impl Desk<'_> {
 
     /// Stops a robot that somebody drives, and clears the stop.
     fn stop(&mut self) -> Result<(), JourneyError> {
-        let (f_hz, theta_deg) = Mode::Forward.pair();
+        let (f_hz, theta_deg) = PaperMode::Forward.pair();
         let child = self.start_driving((f_hz, theta_deg))?;
         let is_reached = |live: &mut Live| (live.rig.truth().frequency() - f_hz).abs() < REACHED_HZ;
         self.until(is_reached)?;

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use flix_firmware::hardware::{Magnet, TICK_US};
 use flix_host::link::RobotLink;
-use flix_host::teleop::action::Mode;
+use flix_host::teleop::paper_modes::PaperMode;
 use flix_protocol::message::{Command, Telemetry};
 use flix_sim::experiment::metrics::HoldMeter;
 use flix_sim::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
@@ -305,7 +305,7 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
     rig.seen.steps = 0;
     let mut lit_at_ends = 0.0;
     // The last one is a reversal from the one before.
-    for mode in Mode::ALL {
+    for mode in PaperMode::ALL {
         progress(mode.name());
         report.hold.push(hold(rig, mode.pair(), times, current_limit)?);
         lit_at_ends += rig.light();
@@ -327,7 +327,7 @@ pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Rep
         steps += 1;
         lit += rig.light();
     }
-    report.lit = [lit_at_ends / Mode::ALL.len() as f64, lit / f64::from(steps)];
+    report.lit = [lit_at_ends / PaperMode::ALL.len() as f64, lit / f64::from(steps)];
     report.flash_in_ticks = rig.chip.counters().flash_in_ticks;
     report.early_enables = rig.seen.early_enables;
     report.tick_phase_us = rig.seen.tick_phase_us;

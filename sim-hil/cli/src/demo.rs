@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use flix_host::link::RobotLink;
-use flix_host::teleop::action::Mode;
+use flix_host::teleop::paper_modes::PaperMode;
 use flix_plot::{Chart, Figure, Panel, Series, Stroke, Written, colour};
 use flix_protocol::message::Setpoint;
 use flix_shell::number::whole;
@@ -44,8 +44,11 @@ impl Default for Args {
 
 /// Returns the scenes by name, with their pairs: the paper's modes (Table IV), then the last one with its frequency reversed.
 fn scenes() -> impl Iterator<Item = (&'static str, (f64, f64))> {
-    let (f, theta) = Mode::StrafeRight.pair();
-    Mode::ALL.map(|mode| (mode.name(), mode.pair())).into_iter().chain([("reversal", (-f, theta))])
+    let (f, theta) = PaperMode::StrafeRight.pair();
+    PaperMode::ALL
+        .map(|mode| (mode.name(), mode.pair()))
+        .into_iter()
+        .chain([("reversal", (-f, theta))])
 }
 
 /// Time from a command until its scene is measured.

@@ -40,10 +40,11 @@ def of_kind(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
         values = list(values)
     if isinstance(values, (set, frozenset)):
         raise ValueError(f"{name} is a set, which has no order: give {what}")
-    array = np.asarray(values)
     found = _stranger(values)
-    if found and not (found == "true or false" and "b" in kinds and array.dtype.kind == "b"):
+    is_mask = found == "true or false" and "b" in kinds and np.asarray(values).dtype.kind == "b"
+    if found and not is_mask:
         raise ValueError(f"{name} holds {found}: give {what}")
+    array = np.asarray(values)
     if array.dtype.kind == "f" and "f" not in kinds and not hasattr(values, "dtype"):
         # Numpy makes floats of a list in which some whole numbers take 64 bits.
         array = np.array(values, dtype=object)

@@ -31,6 +31,8 @@ class Model:
         """Return the same robot for MuJoCo, with this step in s."""
     def __getitem__(self, path: str) -> Any:
         """Return a field by its path, for example `model["legs.fl.friction"]`. Raises KeyError."""
+    def __contains__(self, path: str) -> bool:
+        """Return whether the model has a field of this path."""
     def replace(self, fields: dict[str, Any]) -> Model:
         """Return a model with other values in these fields. Raises KeyError or ValueError.
 
@@ -69,7 +71,7 @@ class Batch:
         Raises ValueError if it is damaged, of another release, or of another number of robots.
         """
     def run(self, seconds: float, step: float = 1e-4) -> None:
-        """Advance all robots by so many seconds in steps of 1e-6 to 1e-3 s; other Python threads run meanwhile."""
+        """Advance all robots by so many seconds in steps of 1e-6 to 1e-3 s, a whole number of them; other Python threads run meanwhile."""
 
 class Robot:
     """Create one robot with its own software, just powered up, and an operator who connects to it over a link.
@@ -83,7 +85,7 @@ class Robot:
     seed
         Of its wiring, sensor errors, noise and start.
     heading
-        At the start, rad, positive to the left.
+        At the start, rad, positive to the left, to 1000000.
     latency, loss
         Of the link, each way: 0 to 10 s; share of datagrams, 0 to 0.9.
 
@@ -108,7 +110,8 @@ class Robot:
     def disarm(self) -> None: ...
     def drive(self, f_hz: float, theta_deg: float) -> None:
         """Command f (-35 to 35 Hz) and theta (-90 to 90 degrees, right positive) from now on; `run` lets it happen."""
-    def run(self, seconds: float) -> None: ...
+    def run(self, seconds: float) -> None:
+        """Let time pass: a whole number of the software's ticks of 0.1 ms. Other Python threads run meanwhile."""
     def get_state(self) -> bytes:
         """Return how the robot was made, what was asked of it since, and when, for `set_state` of this release."""
     def set_state(self, state: bytes) -> None:

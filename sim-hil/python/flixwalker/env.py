@@ -598,8 +598,8 @@ def newest_vector(num_envs: int = 1, task: str = "path", **parameters: Any) -> F
 
 
 def _distinct(path: np.ndarray) -> np.ndarray:
-    """Return a closed path without the points that are where the one before is."""
-    return path[np.hypot(*(path - np.roll(path, 1, axis=0)).T) > 1e-9]
+    """Return a closed path without the points that are where the next one is."""
+    return path[np.hypot(*(path - np.roll(path, -1, axis=0)).T) > 1e-9]
 
 
 def _even(path: np.ndarray) -> np.ndarray:

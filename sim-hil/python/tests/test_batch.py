@@ -331,6 +331,7 @@ assert os.waitstatus_to_exitcode(status) == 0 and batch.time > 2.9
 def test_a_film_is_shown_while_another_thread_shoots() -> None:
     batch = Batch([MODEL] * 64, threads=1)
     film = Film(MODEL)
+    film.shoot(batch, 0)
     runs = threading.Thread(target=batch.run, args=(1.0,))
     shoots = threading.Thread(target=film.shoot, args=(batch, 0))
     runs.start()

@@ -102,7 +102,7 @@ def test_a_copy_of_a_robot_goes_on_with_the_same_bits() -> None:
     robot.setting("frequency_ramp", 150.0)
     robot.arm()
     robot.drive(28.0, 20.0)
-    robot.run(0.31234)
+    robot.run(0.3123)
     robot.drive(-30.0, -70.0)
     robot.run(0.07)
     state = robot.get_state()

@@ -8,7 +8,7 @@
 use std::time::Duration;
 
 use flix_host::link::RobotLink;
-use flix_host::teleop::action::Mode;
+use flix_host::teleop::paper_modes::PaperMode;
 use flix_protocol::message::{Fault, State};
 use flix_protocol::units::Instant;
 use rand::{Rng, RngExt, SeedableRng};
@@ -119,7 +119,7 @@ pub struct Matrix {
 }
 
 /// How many cells a row has.
-pub const CELLS_OF_A_CASE: usize = BASES.len() * Mode::ALL.len() * ONSETS.len();
+pub const CELLS_OF_A_CASE: usize = BASES.len() * PaperMode::ALL.len() * ONSETS.len();
 
 /// Measures the rows that are `wanted` of the matrix of the robot of this seed. `done` is called after each cell.
 ///
@@ -135,7 +135,7 @@ pub fn measure(
     let mut places = Vec::new();
     for case in CASES.iter().filter(|case| wanted(case)) {
         for (base, flash) in BASES.into_iter().zip(&flashes) {
-            for mode in Mode::ALL.map(Mode::pair) {
+            for mode in PaperMode::ALL.map(PaperMode::pair) {
                 places.extend(ONSETS.map(|onset| Place { case, base, mode, onset, seed, flash }));
             }
         }

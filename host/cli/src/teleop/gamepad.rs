@@ -13,7 +13,8 @@ use flix_protocol::message::{Setpoint, State};
 use flix_protocol::units::Instant;
 
 use flix_host::teleop::Cockpit;
-use flix_host::teleop::action::{Action, Mode};
+use flix_host::teleop::action::Action;
+use flix_host::teleop::paper_modes::PaperMode;
 
 /// Deflection of the stick below which it is neutral, of 1.
 const DEAD_ZONE: f32 = 0.25;
@@ -59,25 +60,27 @@ impl Reading {
     }
 
     /// Returns what it commands, after `before`.
-    fn mode(&self, before: Option<Mode>) -> Option<Mode> {
+    fn mode(&self, before: Option<PaperMode>) -> Option<PaperMode> {
         let from = |mode| if before == Some(mode) { KEPT } else { DEFLECTED };
         let [ahead, left, right] = self.arrows;
         // The axis that leads goes on to until the other leads by so much.
         let lead = match before {
-            Some(Mode::Forward) => LEAD,
-            Some(Mode::LeftTurn | Mode::RightTurn) => -LEAD,
+            Some(PaperMode::Forward) => LEAD,
+            Some(PaperMode::LeftTurn | PaperMode::RightTurn) => -LEAD,
             _ => 0.0,
         };
         let is_sideways = self.right.abs() > self.up.abs() + lead;
         match self.shoulders {
-            [true, _] => Some(Mode::StrafeLeft),
-            [_, true] => Some(Mode::StrafeRight),
-            _ if ahead || (!is_sideways && self.up > from(Mode::Forward)) => Some(Mode::Forward),
-            _ if left || (is_sideways && -self.right > from(Mode::LeftTurn)) => {
-                Some(Mode::LeftTurn)
+            [true, _] => Some(PaperMode::StrafeLeft),
+            [_, true] => Some(PaperMode::StrafeRight),
+            _ if ahead || (!is_sideways && self.up > from(PaperMode::Forward)) => {
+                Some(PaperMode::Forward)
             }
-            _ if right || (is_sideways && self.right > from(Mode::RightTurn)) => {
-                Some(Mode::RightTurn)
+            _ if left || (is_sideways && -self.right > from(PaperMode::LeftTurn)) => {
+                Some(PaperMode::LeftTurn)
+            }
+            _ if right || (is_sideways && self.right > from(PaperMode::RightTurn)) => {
+                Some(PaperMode::RightTurn)
             }
             _ => None,
         }
@@ -359,7 +362,7 @@ mod tests {
         assert_eq!(hand.read(Some(&slack), &cockpit, at(10)), []);
         assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(20)), []);
         assert_eq!(hand.read(Some(&Reading::default()), &cockpit, at(30)), []);
-        let walk = [Action::Walk(Mode::Forward)];
+        let walk = [Action::Walk(PaperMode::Forward)];
         assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(40)), walk);
         assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(50)), []);
     }
@@ -369,10 +372,10 @@ mod tests {
         let (mut hand, mut cockpit) = (Hand::default(), cockpit(State::Running));
         hand.read(Some(&Reading::default()), &cockpit, at(0));
         hand.read(Some(&AHEAD), &cockpit, at(10));
-        cockpit.setpoint = Mode::Forward.setpoint();
+        cockpit.setpoint = PaperMode::Forward.setpoint();
         let slack = Reading { up: 0.39, ..AHEAD };
         assert_eq!(hand.read(Some(&slack), &cockpit, at(20)), [Action::Rest]);
-        assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(30)), [Action::Walk(Mode::Forward)]);
+        assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(30)), [Action::Walk(PaperMode::Forward)]);
         // It is gone.
         assert_eq!(hand.read(None, &cockpit, at(40)), [Action::Rest]);
         assert_eq!(hand.read(Some(&AHEAD), &cockpit, at(50)), []);
@@ -422,11 +425,12 @@ mod tests {
         let still = Reading::default();
         let left = Reading { right: -1.0, ..still };
         let mut read = |readings: [Option<Reading>; 2], is_walking: bool, time| {
-            cockpit.setpoint = if is_walking { Mode::Forward.setpoint() } else { Setpoint::REST };
+            cockpit.setpoint =
+                if is_walking { PaperMode::Forward.setpoint() } else { Setpoint::REST };
             let pads = [0, 1].map(|id| Pad { id, reading: readings[id], is_pressed: false });
             hands.read(&pads, true, &cockpit, at(time))
         };
-        let [forward, turn] = [Mode::Forward, Mode::LeftTurn].map(Action::Walk);
+        let [forward, turn] = [PaperMode::Forward, PaperMode::LeftTurn].map(Action::Walk);
         assert_eq!(read([Some(still), Some(still)], false, 0), []);
         assert_eq!(read([Some(still), Some(AHEAD)], false, 10), [forward]);
         assert_eq!(read([Some(left), Some(AHEAD)], true, 20), [turn]);
@@ -457,13 +461,17 @@ mod tests {
                 (hands.read(&pads, true, &cockpit, at(time)), hands.is_touched())
             };
             assert_eq!(read(still, 0), (vec![], false));
-            assert_eq!(read(AHEAD, 10), (vec![Action::Walk(Mode::Forward)], true), "{stuck:?}");
+            assert_eq!(
+                read(AHEAD, 10),
+                (vec![Action::Walk(PaperMode::Forward)], true),
+                "{stuck:?}"
+            );
             assert_eq!(read(AHEAD, 20), (vec![], false), "{stuck:?}");
             assert_eq!(read(still, 30), (vec![Action::Rest], false), "{stuck:?}");
             assert_eq!(read(pressed(0), 40).0, [Action::Stop], "{stuck:?}");
         }
         let up = Reading { up: f32::NAN, right: 1.0, ..still }.in_numbers();
-        assert!(up.mode(None) == Some(Mode::RightTurn) && up == up.in_numbers());
+        assert!(up.mode(None) == Some(PaperMode::RightTurn) && up == up.in_numbers());
     }
 
     #[test]
@@ -484,7 +492,7 @@ mod tests {
             let pad = Pad { id: 0, reading: Some(reading), is_pressed: false };
             hands.read(&[pad], is_watched, &cockpit, at(time))
         };
-        let walk = [Action::Walk(Mode::Forward)];
+        let walk = [Action::Walk(PaperMode::Forward)];
         read(Reading::default(), true, 0);
         assert_eq!(read(AHEAD, true, 10), walk);
         assert_eq!(read(AHEAD, false, 20), [Action::Rest]);
@@ -504,7 +512,7 @@ mod tests {
     #[test]
     fn a_gamepad_that_shows_the_same_for_ever_has_no_hand_on_it() {
         let (mut hands, mut cockpit) = (Hands::default(), cockpit(State::Running));
-        cockpit.setpoint = Mode::Forward.setpoint();
+        cockpit.setpoint = PaperMode::Forward.setpoint();
         let mut is_touched = |reading, time| {
             hands.read(
                 &[Pad { id: 0, reading: Some(reading), is_pressed: false }],
@@ -538,15 +546,15 @@ mod tests {
     fn every_mode_has_a_place() {
         let still = Reading::default();
         let places = [
-            (Reading { up: 0.7, right: 0.6, ..still }, Some(Mode::Forward)),
-            (Reading { up: 0.6, right: -0.7, ..still }, Some(Mode::LeftTurn)),
-            (Reading { up: -0.6, right: 0.7, ..still }, Some(Mode::RightTurn)),
+            (Reading { up: 0.7, right: 0.6, ..still }, Some(PaperMode::Forward)),
+            (Reading { up: 0.6, right: -0.7, ..still }, Some(PaperMode::LeftTurn)),
+            (Reading { up: -0.6, right: 0.7, ..still }, Some(PaperMode::RightTurn)),
             (Reading { up: -1.0, ..still }, None),
-            (Reading { arrows: [true, false, false], ..still }, Some(Mode::Forward)),
-            (Reading { arrows: [false, true, false], ..still }, Some(Mode::LeftTurn)),
-            (Reading { arrows: [false, false, true], ..still }, Some(Mode::RightTurn)),
-            (Reading { shoulders: [true, false], ..still }, Some(Mode::StrafeLeft)),
-            (Reading { shoulders: [false, true], ..still }, Some(Mode::StrafeRight)),
+            (Reading { arrows: [true, false, false], ..still }, Some(PaperMode::Forward)),
+            (Reading { arrows: [false, true, false], ..still }, Some(PaperMode::LeftTurn)),
+            (Reading { arrows: [false, false, true], ..still }, Some(PaperMode::RightTurn)),
+            (Reading { shoulders: [true, false], ..still }, Some(PaperMode::StrafeLeft)),
+            (Reading { shoulders: [false, true], ..still }, Some(PaperMode::StrafeRight)),
             (Reading { other: true, ..still }, None),
         ];
         for (reading, mode) in places {
@@ -555,9 +563,12 @@ mod tests {
         }
         // A stick that trembles keeps what it began.
         let trembles = Reading { up: 0.5, right: 0.49, ..still };
-        let mode = Some(Mode::Forward);
+        let mode = Some(PaperMode::Forward);
         assert_eq!((trembles.mode(None), trembles.mode(mode)), (None, mode));
         assert_eq!(Reading { up: 0.39, ..still }.mode(mode), None);
-        assert_eq!(Reading { up: -0.7, right: 0.5, ..still }.mode(Some(Mode::RightTurn)), None);
+        assert_eq!(
+            Reading { up: -0.7, right: 0.5, ..still }.mode(Some(PaperMode::RightTurn)),
+            None
+        );
     }
 }

@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-use flix_host::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS, Mode};
+use flix_host::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS};
+use flix_host::teleop::paper_modes::PaperMode;
 
 /// Returns the action of a key; releases and unknown keys have none.
 #[must_use]
@@ -40,11 +41,11 @@ pub fn action(key: KeyEvent) -> Option<Action> {
         };
     };
     Some(match character.to_ascii_lowercase() {
-        'w' | '1' => Action::Walk(Mode::Forward),
-        'a' | '2' => Action::Walk(Mode::LeftTurn),
-        'd' | '3' => Action::Walk(Mode::RightTurn),
-        'q' | '4' => Action::Walk(Mode::StrafeLeft),
-        'e' | '5' => Action::Walk(Mode::StrafeRight),
+        'w' | '1' => Action::Walk(PaperMode::Forward),
+        'a' | '2' => Action::Walk(PaperMode::LeftTurn),
+        'd' | '3' => Action::Walk(PaperMode::RightTurn),
+        'q' | '4' => Action::Walk(PaperMode::StrafeLeft),
+        'e' | '5' => Action::Walk(PaperMode::StrafeRight),
         's' | '0' => Action::Rest,
         'c' => Action::Clear,
         'h' => Action::HoldHeading,
@@ -359,7 +360,7 @@ mod tests {
     fn typed_keys_act_and_a_text_in_one_go_does_not() {
         let typed = type_text(&mut Typing::default(), "wq", ms(20));
         let walk = |mode| Action::Walk(mode);
-        assert_eq!(typed.actions, [walk(Mode::Forward), walk(Mode::StrafeLeft)]);
+        assert_eq!(typed.actions, [walk(PaperMode::Forward), walk(PaperMode::StrafeLeft)]);
         assert!(typed.is_touched && typed.dropped == 0);
         let text = type_text(&mut Typing::default(), "flix-walker", ms(0));
         assert_eq!(text, Typed { dropped: 11, ..Typed::default() });
@@ -396,7 +397,7 @@ mod tests {
         let alt =
             |character| Report::Key(KeyEvent::new(KeyCode::Char(character), KeyModifiers::ALT));
         let bell = Report::Key(KeyEvent::new(KeyCode::Char('g'), KeyModifiers::CONTROL));
-        let forward = [Action::Walk(Mode::Forward)];
+        let forward = [Action::Walk(PaperMode::Forward)];
         let ends = [(']', Some(alt('\\'))), ('P', Some(bell)), ('X', Some(key(KeyCode::Esc)))];
         for (begin, end) in ends.into_iter().chain([('^', None), ('_', None)]) {
             let mut typing = Typing::default();
@@ -575,7 +576,7 @@ mod tests {
             Report::Held(KeyEvent { kind, ..key })
         };
         let (down, again, up) = (KeyEventKind::Press, KeyEventKind::Repeat, KeyEventKind::Release);
-        let [forward, left] = [Mode::Forward, Mode::LeftTurn].map(Action::Walk);
+        let [forward, left] = [PaperMode::Forward, PaperMode::LeftTurn].map(Action::Walk);
         for (holds, wanted) in [
             (true, vec![forward, left, Action::Rest, forward, Action::Rest]),
             (false, vec![forward, left, forward]),

@@ -14,7 +14,8 @@
 use flix_protocol::message::Name;
 use serde::Deserialize;
 
-use crate::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS, Mode};
+use crate::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS};
+use crate::teleop::paper_modes::PaperMode;
 
 /// Longest message, bytes.
 pub const LONGEST: usize = 256;
@@ -103,7 +104,9 @@ fn request(word: &Word) -> Option<Request> {
         Word::Clear => Action::Clear,
         Word::Rest => Action::Rest,
         Word::HoldHeading => Action::HoldHeading,
-        Word::Walk(name) => Action::Walk(Mode::ALL.into_iter().find(|mode| mode.name() == name)?),
+        Word::Walk(name) => {
+            Action::Walk(PaperMode::ALL.into_iter().find(|mode| mode.name() == name)?)
+        }
         Word::Frequency(step) => Action::Frequency(within(*step, FREQUENCY_STEPS)?),
         Word::Direction(step) => Action::Direction(within(*step, DIRECTION_STEPS)?),
     }))
@@ -115,7 +118,7 @@ mod tests {
 
     #[test]
     fn every_mode_is_named_as_on_the_screen() {
-        for mode in Mode::ALL {
+        for mode in PaperMode::ALL {
             let text = format!(r#"{{"seen":7,"do":{{"walk":"{}"}}}}"#, mode.name());
             let request = Some(Request::Act(Action::Walk(mode)));
             assert_eq!(Message::parse(&text), Some(Message { seen: 7, request, press: None }));

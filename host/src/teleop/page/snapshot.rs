@@ -8,8 +8,8 @@ use super::pages::Pages;
 use crate::link::explain;
 use crate::scope::Capture;
 use crate::teleop::Cockpit;
-use crate::teleop::action::Mode;
 use crate::teleop::cockpit::{Line, Link, Sample, Weight};
+use crate::teleop::paper_modes::PaperMode;
 use crate::teleop::settings::{Described, Settings};
 
 /// Newest lines of the log that are sent.
@@ -18,8 +18,8 @@ const LINES: usize = 8;
 /// Returns the modes for the buttons of the page: name, f in Hz, theta in degrees.
 #[must_use]
 pub fn modes() -> Value {
-    let mode = |mode: Mode| json!({ "name": mode.name(), "pair": mode.pair() });
-    Mode::ALL.into_iter().map(mode).collect()
+    let mode = |mode: PaperMode| json!({ "name": mode.name(), "pair": mode.pair() });
+    PaperMode::ALL.into_iter().map(mode).collect()
 }
 
 /// Returns what a page is sent first: its number.
