@@ -459,7 +459,7 @@ fn describe(report: &Report) -> String {
         ),
     };
     if let Some(moved) = &report.moved {
-        let turns = [PaperMode::LeftTurn, PaperMode::RightTurn].map(Mode::setpoint);
+        let turns = [PaperMode::LeftTurn, PaperMode::RightTurn].map(PaperMode::setpoint);
         let Commanded { frequency_hz, direction_deg } = report.commanded;
         let is_turn = turns.iter().any(|turn| {
             (turn.frequency().get(), turn.direction().get()) == (frequency_hz, direction_deg)

@@ -136,7 +136,7 @@ mod tests {
 
     #[test]
     fn a_turn_that_goes_the_other_way_is_remarked() {
-        let of = |turn: Mode, mean: f64| {
+        let of = |turn: PaperMode, mean: f64| {
             let still = Spread { mean: 0.0, spread: 0.01 };
             let mode = Measured {
                 name: "turning".into(),

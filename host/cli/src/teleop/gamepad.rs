@@ -95,7 +95,7 @@ pub struct Hand {
     was_neutral: bool,
     pressed: [bool; 4],
     /// What it lets the robot do, and since when.
-    drives: Option<(Mode, Instant)>,
+    drives: Option<(PaperMode, Instant)>,
 }
 
 impl Hand {
