@@ -55,7 +55,7 @@ pub enum Bridge {
 }
 
 impl Bridge {
-    /// All low sides on: the shorted motor brakes itself, in about a tenth of a second.
+    /// All low sides on: the shorted motor brakes itself, within 0.3 s from 35 Hz.
     pub const BRAKE: Self = Self::Duty([Duty::ZERO; 3]);
 }
 

@@ -17,9 +17,9 @@
 pub mod circuit;
 mod finding;
 mod least_squares;
+mod robot_under_test;
 pub mod running;
 mod step;
-mod subject;
 pub mod swing;
 mod trials;
 pub mod turning_field;
@@ -33,10 +33,10 @@ use flix_protocol::message::{Fault, Faults, Setpoint};
 
 use self::circuit::{Circuit, Phases, is_winding};
 pub use self::finding::{Finding, Phase, motor_name};
+use self::robot_under_test::RobotUnderTest;
 use self::running::BackEmf;
 use self::step::CURRENT_LIMIT;
 pub use self::step::{CommissionError, Step};
-use self::subject::Subject;
 use self::trials::First;
 use self::turning_field::Rotor;
 use self::wiring::Stood;
@@ -140,34 +140,34 @@ pub fn commission<S: RobotLink>(
     known: &Known,
     step: impl FnMut(Step),
 ) -> Result<Commissioned, CommissionError<S::Error>> {
-    let mut subject = Subject::new(robot);
-    let found = measure(&mut subject, known, step);
-    subject.conclude(found).map(|found| Commissioned { changes: subject.changes(), ..found })
+    let mut under_test = RobotUnderTest::new(robot);
+    let found = measure(&mut under_test, known, step);
+    under_test.conclude(found).map(|found| Commissioned { changes: under_test.changes(), ..found })
 }
 
 fn measure<S: RobotLink>(
-    subject: &mut Subject<'_, S>,
+    under_test: &mut RobotUnderTest<'_, S>,
     known: &Known,
     mut step: impl FnMut(Step),
 ) -> Result<Commissioned, CommissionError<S::Error>> {
     step(Step::Wiring);
-    subject.begin()?;
+    under_test.begin()?;
     if let Some(inertia) = known.rotor_inertia {
-        subject.set("rotor_inertia", 1e7 * inertia)?;
+        under_test.set("rotor_inertia", 1e7 * inertia)?;
     }
-    let inertia = subject.setting("rotor_inertia")? * 1e-7;
+    let inertia = under_test.setting("rotor_inertia")? * 1e-7;
     if let Some(battery) = known.battery {
-        subject.take_battery(battery)?;
+        under_test.take_battery(battery)?;
     }
-    subject.set_each("aligned", [0.0; 2])?;
-    subject.set_each("current_gain_a", [1.0; 2])?;
-    subject.set_each("current_gain_b", [1.0; 2])?;
+    under_test.set_each("aligned", [0.0; 2])?;
+    under_test.set_each("current_gain_a", [1.0; 2])?;
+    under_test.set_each("current_gain_b", [1.0; 2])?;
 
-    subject.look()?.check().map_err(CommissionError::Found)?;
+    under_test.look()?.check().map_err(CommissionError::Found)?;
     // Little current at first: amplifiers that show too little of it let more flow.
-    let mut first = [subject.first(0, inertia)?, subject.first(1, inertia)?];
+    let mut first = [under_test.first(0, inertia)?, under_test.first(1, inertia)?];
     let shown = first_scales(first);
-    let wiring = subject.wiring(shown)?;
+    let wiring = under_test.wiring(shown)?;
     match (judge(&wiring, shown), faint(first)) {
         (Ok(()), None) => {}
         (Err(found), Some(_)) if !wiring::compares(found) => {
@@ -177,7 +177,7 @@ fn measure<S: RobotLink>(
     }
     for (motor, first) in first.iter_mut().enumerate().filter(|(_, it)| !it.shows) {
         // It shows by now, or just about.
-        *first = subject.first(motor, inertia)?;
+        *first = under_test.first(motor, inertia)?;
         if !first.shows {
             return Err(CommissionError::Found(Finding::NotConnected(motor)));
         }
@@ -188,8 +188,8 @@ fn measure<S: RobotLink>(
 
     step(Step::Phases);
     let field = trials::standing_ma(shown);
-    let (mut standing, bridges) = subject.stand(Step::Phases, [true; 2], field)?;
-    let (again, _) = subject.stand(Step::Phases, [true; 2], field)?;
+    let (mut standing, bridges) = under_test.stand(Step::Phases, [true; 2], field)?;
+    let (again, _) = under_test.stand(Step::Phases, [true; 2], field)?;
     standing.iter_mut().zip(again).for_each(|(standing, again)| standing.extend(again));
     let winding = |motor: usize, scale: f64| {
         let found = circuit::measure(&standing[motor], &bridges, scale);
@@ -200,9 +200,9 @@ fn measure<S: RobotLink>(
     let delay = (windings[0].circuit.delay + windings[1].circuit.delay) / 2.0;
 
     step(Step::Turning(0));
-    let top = subject.turn(0, &windings[0], &bridges, shown[0])?;
+    let top = under_test.turn(0, &windings[0], &bridges, shown[0])?;
     step(Step::Turning(1));
-    let turned = [top, subject.turn(1, &windings[1], &bridges, shown[1])?];
+    let turned = [top, under_test.turn(1, &windings[1], &bridges, shown[1])?];
     let rotors = turned.map(|(rotor, _)| rotor);
     let [pole_pairs, of_bottom] = rotors.map(|rotor| rotor.pole_pairs());
     if pole_pairs != of_bottom {
@@ -215,7 +215,7 @@ fn measure<S: RobotLink>(
     for motor in [0, 1] {
         let most = SWING_CURRENT * shown[motor];
         let current = alignment_current(pairs * flux[motor]).min(most).max(turned[motor].1);
-        let swing = subject.swing(motor, &windings[motor], current)?;
+        let swing = under_test.swing(motor, &windings[motor], current)?;
         // One that friction holds says nothing.
         swings[motor] = swing::scale(&swing, &rotors[motor], inertia);
     }
@@ -227,17 +227,17 @@ fn measure<S: RobotLink>(
 
     step(Step::Aligning);
     let actuation_delay = delay + circuit::TICK / 2.0;
-    subject.set("pole_pairs", pairs)?;
-    subject.set_each("phase_resistance", resistances)?;
-    subject.set_each("phase_inductance", windings.map(|it| 1e3 * it.circuit.inductance))?;
-    subject.set_each("current_gain_b", windings.map(|it| 1.0 / it.balance))?;
-    subject.set("actuation_delay", 1e6 * actuation_delay)?;
-    subject.set("tracker_bandwidth", CAREFUL[0])?;
+    under_test.set("pole_pairs", pairs)?;
+    under_test.set_each("phase_resistance", resistances)?;
+    under_test.set_each("phase_inductance", windings.map(|it| 1e3 * it.circuit.inductance))?;
+    under_test.set_each("current_gain_b", windings.map(|it| 1.0 / it.balance))?;
+    under_test.set("actuation_delay", 1e6 * actuation_delay)?;
+    under_test.set("tracker_bandwidth", CAREFUL[0])?;
     let bus = standing[0].bus.min(standing[1].bus);
     let weaker = 1.5 * pairs * flux[0].min(flux[1]);
     let ramp = (weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMP_SLOPES.0, RAMP_SLOPES.1);
     let aligning = alignment_current(pairs * flux[0].min(flux[1])).min(limit);
-    subject.bound(ramp, aligning, limit)?;
+    under_test.bound(ramp, aligning, limit)?;
     let runs = Runs {
         circuits: windings.map(|it| it.circuit),
         pairs,
@@ -249,8 +249,8 @@ fn measure<S: RobotLink>(
     };
     let resistive = resistances[0].max(resistances[1]) * limit;
     let Ran { flux, latency, slopes } =
-        with_either_loop(subject, resistive, bus, |subject, bandwidth| {
-            runs.run(subject, bandwidth, &mut step)
+        with_either_loop(under_test, resistive, bus, |under_test, bandwidth| {
+            runs.run(under_test, bandwidth, &mut step)
         })?;
     let scales = [0, 1].map(|motor| slopes[motor] * 1.5 * pairs * flux[motor] / inertia);
     check_scales(&SCALES, scales, resistances).map_err(CommissionError::Found)?;
@@ -269,13 +269,13 @@ fn measure<S: RobotLink>(
             rotor: rotors[motor],
         }
     });
-    subject.set_each("phase_resistance", motors.map(|it| it.resistance))?;
-    subject.set_each("phase_inductance", motors.map(|it| 1e3 * it.inductance))?;
-    subject.set_each("current_gain_a", motors.map(|it| it.current_gains[0]))?;
-    subject.set_each("current_gain_b", motors.map(|it| it.current_gains[1]))?;
-    subject.set("tracker_bandwidth", QUICK[0])?;
-    subject.set_position_bandwidth(position_bandwidth(latency))?;
-    subject.unbound()?;
+    under_test.set_each("phase_resistance", motors.map(|it| it.resistance))?;
+    under_test.set_each("phase_inductance", motors.map(|it| 1e3 * it.inductance))?;
+    under_test.set_each("current_gain_a", motors.map(|it| it.current_gains[0]))?;
+    under_test.set_each("current_gain_b", motors.map(|it| it.current_gains[1]))?;
+    under_test.set("tracker_bandwidth", QUICK[0])?;
+    under_test.set_position_bandwidth(position_bandwidth(latency))?;
+    under_test.unbound()?;
     let changes = Vec::new();
     Ok(Commissioned { motors, pole_pairs, encoder_latency: latency, actuation_delay, changes })
 }
@@ -283,23 +283,23 @@ fn measure<S: RobotLink>(
 /// Runs with the position loop, of this bandwidth in Hz, that suits motors of this resistive voltage on this bus, V; where the phase
 /// lock is lost or the rotors swing, again with the other one.
 fn with_either_loop<S: RobotLink, T>(
-    subject: &mut Subject<'_, S>,
+    under_test: &mut RobotUnderTest<'_, S>,
     resistive: f64,
     bus: f64,
-    mut run: impl FnMut(&mut Subject<'_, S>, f64) -> Result<T, CommissionError<S::Error>>,
+    mut run: impl FnMut(&mut RobotUnderTest<'_, S>, f64) -> Result<T, CommissionError<S::Error>>,
 ) -> Result<T, CommissionError<S::Error>> {
     let is_free = resistive < (PHASE_SHARE - EMF_SHARE) * bus;
     let [first, second] = if is_free { [CAREFUL[1], CALM] } else { [CALM, CAREFUL[1]] };
-    match run(subject, first) {
+    match run(under_test, first) {
         // Which loop keeps the lock, friction and cogging decide, too.
         Err(CommissionError::Faulted { step, faults })
             if faults == Faults::NONE.with(Fault::PhaseLockLost) =>
         {
-            subject.robot.hold(Setpoint::REST);
-            subject.clear(step)?;
-            run(subject, second)
+            under_test.robot.hold(Setpoint::REST);
+            under_test.clear(step)?;
+            run(under_test, second)
         }
-        Err(CommissionError::Found(Finding::Swings { .. })) => run(subject, second),
+        Err(CommissionError::Found(Finding::Swings { .. })) => run(under_test, second),
         ran => ran,
     }
 }
@@ -333,17 +333,17 @@ impl Runs {
     /// Aligns, runs slowly, fast and by ramps with position loops of this bandwidth, Hz, and disarms.
     fn run<S: RobotLink>(
         &self,
-        subject: &mut Subject<'_, S>,
+        under_test: &mut RobotUnderTest<'_, S>,
         bandwidth: f64,
         step: &mut impl FnMut(Step),
     ) -> Result<Ran, CommissionError<S::Error>> {
         let Self { circuits, pairs, bus, ramp, .. } = *self;
         let (mut flux, mut latency) = (self.flux, FIRST_LATENCY);
         let resistances = circuits.map(|it| it.resistance);
-        subject.set("position_bandwidth", bandwidth)?;
-        subject.set("encoder_latency", 1e6 * latency)?;
-        subject.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
-        subject.arm(Step::Aligning)?;
+        under_test.set("position_bandwidth", bandwidth)?;
+        under_test.set("encoder_latency", 1e6 * latency)?;
+        under_test.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
+        under_test.arm(Step::Aligning)?;
 
         let fastest = flux.map(|flux| EMF_SHARE * bus / (TAU * pairs * flux));
         let fastest = FASTEST_HZ.min(fastest[0]).min(fastest[1]);
@@ -353,11 +353,11 @@ impl Runs {
             let mut back_emfs = [[BackEmf::default(); 2]; 2];
             for (way, frequency) in [frequency, -frequency].into_iter().enumerate() {
                 for (motor, steady) in
-                    subject.steady(speed, frequency, ramp)?.into_iter().enumerate()
+                    under_test.steady(speed, frequency, ramp)?.into_iter().enumerate()
                 {
                     let swing = steady.swing;
                     if speed == Step::Fast && swing > LARGEST_SWING * frequency.abs() {
-                        subject
+                        under_test
                             .disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
                         let finding = Finding::Swings { motor, swing, frequency };
                         return Err(CommissionError::Found(finding));
@@ -368,18 +368,18 @@ impl Runs {
             let off = back_emfs.map(|both| running::latency(&both).unwrap_or(0.0));
             latency = (latency + (off[0] + off[1]) / 2.0).clamp(0.0, LONGEST_LATENCY);
             flux = back_emfs.map(|[one, other]| (one.flux_linkage + other.flux_linkage) / 2.0);
-            subject.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
-            subject.set("encoder_latency", 1e6 * latency)?;
-            subject.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
-            subject.arm(speed)?;
+            under_test.disarm(speed, braked_from(&resistances, &flux, pairs).min(fastest))?;
+            under_test.set("encoder_latency", 1e6 * latency)?;
+            under_test.set_each("flux_linkage", flux.map(|it| 1e3 * it))?;
+            under_test.arm(speed)?;
         }
 
         step(Step::Ramps);
         let ends = RAMP_SHARES.map(|share| share * fastest);
         let per_hertz = TAU * self.inertia / (1.5 * pairs * flux[0].max(flux[1]));
-        let slopes = subject.ramps(ends, ramp, per_hertz, self.measures_bus)?;
-        let last = subject.steady(Step::Ramps, fastest, ramp)?;
-        subject.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
+        let slopes = under_test.ramps(ends, ramp, per_hertz, self.measures_bus)?;
+        let last = under_test.steady(Step::Ramps, fastest, ramp)?;
+        under_test.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
         for (motor, steady) in last.iter().enumerate() {
             // The latency is right by now.
             let BackEmf { ahead, .. } = BackEmf::of(steady, &circuits[motor], pairs);

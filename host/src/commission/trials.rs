@@ -8,8 +8,8 @@ use flix_protocol::message::{
 use super::circuit;
 use super::circuit::{Circuit, Phases, Standing};
 use super::finding::Finding;
+use super::robot_under_test::{Columns, Done, LOOK, LOOKS, RobotUnderTest};
 use super::step::{CommissionError, Step};
-use super::subject::{Columns, Done, LOOK, LOOKS, Subject};
 use super::swing::Swing;
 use super::turning_field::{self, Rotor, Turning};
 use super::wiring::{ANGLES, Resting, Stood};
@@ -61,7 +61,7 @@ pub(super) struct First {
     pub(super) circuit: Option<Circuit>,
 }
 
-impl<S: RobotLink> Subject<'_, S> {
+impl<S: RobotLink> RobotUnderTest<'_, S> {
     /// Does a trial and captures its pattern; again where commands stayed away meanwhile, so that the motors coasted.
     fn try_out(
         &mut self,

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use flix_protocol::message::{Bridges, Command, Mark, Outcome};
 
-use super::subject::{Done, Subject};
+use super::robot_under_test::{Done, RobotUnderTest};
 use super::voltage_latency::{self, Entered, Turned};
 use super::{
     CAREFUL, CommissionError, EMF_SHARE, FASTEST_HZ, FIRST_LATENCY, Finding, Known,
@@ -72,60 +72,62 @@ pub fn find_latency<S: RobotLink>(
     step: impl FnMut(Step),
 ) -> Result<Latency, CommissionError<S::Error>> {
     let bridges = bridges(robot)?;
-    let mut subject = Subject::new(robot);
-    let found = find(&mut subject, &bridges, known, step);
-    subject.conclude(found).map(|found| Latency { changes: subject.changes(), ..found })
+    let mut under_test = RobotUnderTest::new(robot);
+    let found = find(&mut under_test, &bridges, known, step);
+    under_test.conclude(found).map(|found| Latency { changes: under_test.changes(), ..found })
 }
 
 fn find<S: RobotLink>(
-    subject: &mut Subject<'_, S>,
+    under_test: &mut RobotUnderTest<'_, S>,
     bridges: &Bridges,
     known: &Known,
     mut step: impl FnMut(Step),
 ) -> Result<Latency, CommissionError<S::Error>> {
     step(Step::Wiring);
-    subject.begin()?;
+    under_test.begin()?;
     let mut rests_on = Vec::new();
-    let pairs = entered(subject, "pole_pairs", &mut rests_on)?;
-    let motors =
-        [entered_motor(subject, 0, &mut rests_on)?, entered_motor(subject, 1, &mut rests_on)?];
+    let pairs = entered(under_test, "pole_pairs", &mut rests_on)?;
+    let motors = [
+        entered_motor(under_test, 0, &mut rests_on)?,
+        entered_motor(under_test, 1, &mut rests_on)?,
+    ];
     // Zero is the board's own.
-    if subject.setting("actuation_delay")? > 0.0 {
+    if under_test.setting("actuation_delay")? > 0.0 {
         rests_on.push("actuation_delay".to_owned());
     }
     if let Some(inertia) = known.rotor_inertia {
-        subject.set("rotor_inertia", 1e7 * inertia)?;
+        under_test.set("rotor_inertia", 1e7 * inertia)?;
     }
-    let inertia = subject.setting("rotor_inertia")? * 1e-7;
+    let inertia = under_test.setting("rotor_inertia")? * 1e-7;
     if let Some(battery) = known.battery {
-        subject.take_battery(battery)?;
+        under_test.take_battery(battery)?;
     }
-    let bus = subject.bus()?;
+    let bus = under_test.bus()?;
 
     step(Step::Aligning);
     let weaker = pairs * motors[0].flux_linkage.min(motors[1].flux_linkage);
     let ramp = (1.5 * weaker * RAMP_CURRENT / inertia / TAU).clamp(RAMP_SLOPES.0, STEEPEST);
-    subject.set("tracker_bandwidth", CAREFUL[0])?;
-    subject.bound(ramp, alignment_current(weaker), HELD_CURRENT)?;
+    under_test.set("tracker_bandwidth", CAREFUL[0])?;
+    under_test.bound(ramp, alignment_current(weaker), HELD_CURRENT)?;
     let resistive = motors[0].resistance.max(motors[1].resistance) * HELD_CURRENT;
     let runs = Runs { motors, pairs, bus, bridges, ramp };
-    let encoder_latency = with_either_loop(subject, resistive, bus, |subject, bandwidth| {
-        runs.run(subject, bandwidth, &mut step)
+    let encoder_latency = with_either_loop(under_test, resistive, bus, |under_test, bandwidth| {
+        runs.run(under_test, bandwidth, &mut step)
     })?;
-    subject.set("tracker_bandwidth", QUICK[0])?;
-    subject.set_position_bandwidth(position_bandwidth(encoder_latency))?;
-    subject.unbound()?;
-    subject.set_back("alignment_current")?;
+    under_test.set("tracker_bandwidth", QUICK[0])?;
+    under_test.set_position_bandwidth(position_bandwidth(encoder_latency))?;
+    under_test.unbound()?;
+    under_test.set_back("alignment_current")?;
     Ok(Latency { encoder_latency, rests_on, changes: Vec::new() })
 }
 
 /// Returns a value that somebody entered or measured, and notes its name.
 fn entered<S: RobotLink>(
-    subject: &mut Subject<'_, S>,
+    under_test: &mut RobotUnderTest<'_, S>,
     name: &str,
     names: &mut Vec<String>,
 ) -> Done<f64, S> {
-    let (value, mark) = subject.marked(name)?;
+    let (value, mark) = under_test.marked(name)?;
     names.push(name.to_owned());
     match mark {
         Some(Mark::Assumed) => Err(CommissionError::Assumed { name: name.to_owned() }),
@@ -134,11 +136,11 @@ fn entered<S: RobotLink>(
 }
 
 fn entered_motor<S: RobotLink>(
-    subject: &mut Subject<'_, S>,
+    under_test: &mut RobotUnderTest<'_, S>,
     motor: usize,
     names: &mut Vec<String>,
 ) -> Done<Entered, S> {
-    let mut of = |name: &str| entered(subject, &format!("{}_{name}", motor_name(motor)), names);
+    let mut of = |name: &str| entered(under_test, &format!("{}_{name}", motor_name(motor)), names);
     Ok(Entered {
         resistance: of("phase_resistance")?,
         inductance: 1e-3 * of("phase_inductance")?,
@@ -162,22 +164,22 @@ impl Runs<'_> {
     /// the latency, s.
     fn run<S: RobotLink>(
         &self,
-        subject: &mut Subject<'_, S>,
+        under_test: &mut RobotUnderTest<'_, S>,
         bandwidth: f64,
         step: &mut impl FnMut(Step),
     ) -> Result<f64, CommissionError<S::Error>> {
         let Self { motors, pairs, bus, .. } = *self;
         let mut latency = FIRST_LATENCY;
-        subject.set("position_bandwidth", bandwidth)?;
-        subject.set("encoder_latency", 1e6 * latency)?;
-        subject.set_each("aligned", [0.0; 2])?;
-        subject.arm(Step::Aligning)?;
+        under_test.set("position_bandwidth", bandwidth)?;
+        under_test.set("encoder_latency", 1e6 * latency)?;
+        under_test.set_each("aligned", [0.0; 2])?;
+        under_test.arm(Step::Aligning)?;
         let mut offsets = [0.0; 2];
         let mut orders = [1.0; 2];
         for motor in [0, 1] {
             let name = motor_name(motor);
-            offsets[motor] = subject.setting(&format!("{name}_electrical_offset"))?;
-            let reversed = subject.setting(&format!("{name}_phases_reversed"))?;
+            offsets[motor] = under_test.setting(&format!("{name}_electrical_offset"))?;
+            let reversed = under_test.setting(&format!("{name}_phases_reversed"))?;
             orders[motor] = if reversed == 0.0 { 1.0 } else { -1.0 };
         }
         let flux = motors.map(|it| it.flux_linkage);
@@ -188,7 +190,7 @@ impl Runs<'_> {
         let braked_from = braked_from(&resistances, &flux, pairs).min(fastest);
         let slow = motors.iter().map(careful_electrical).fold(SLOW_ELECTRICAL_HZ, f64::min);
         let slow = (slow / pairs).min(fastest / 2.0);
-        subject.disarm(Step::Aligning, braked_from)?;
+        under_test.disarm(Step::Aligning, braked_from)?;
 
         let mut seen: [Vec<Turned>; 2] = Default::default();
         for (speed, frequency) in [(Step::Slow, slow), (Step::Fast, fastest)] {
@@ -200,12 +202,12 @@ impl Runs<'_> {
                 let angles = turns.map(|turn| way * turn);
                 let turned =
                     [0, 1].map(|motor| wrapped(offsets[motor] + angles[motor].to_degrees()));
-                subject.set_each("electrical_offset", turned)?;
-                subject.arm(speed)?;
+                under_test.set_each("electrical_offset", turned)?;
+                under_test.arm(speed)?;
                 for frequency in [frequency, -frequency] {
                     // Turning round takes twice the ramp.
                     let ramping = Duration::from_secs_f64(2.0 * frequency.abs() / self.ramp);
-                    for (motor, steady) in subject
+                    for (motor, steady) in under_test
                         .long_steady(speed, frequency, ramping, CAPTURES)?
                         .into_iter()
                         .enumerate()
@@ -220,7 +222,7 @@ impl Runs<'_> {
                         });
                     }
                 }
-                subject.disarm(speed, braked_from)?;
+                under_test.disarm(speed, braked_from)?;
             }
             let mut latencies = [0.0; 2];
             for motor in [0, 1] {
@@ -238,9 +240,9 @@ impl Runs<'_> {
                 return Err(CommissionError::Found(finding));
             }
             latency = ((latencies[0] + latencies[1]) / 2.0).clamp(0.0, LONGEST_LATENCY);
-            subject.set("encoder_latency", 1e6 * latency)?;
+            under_test.set("encoder_latency", 1e6 * latency)?;
         }
-        subject.set_each("electrical_offset", offsets)?;
+        under_test.set_each("electrical_offset", offsets)?;
         Ok(latency)
     }
 }

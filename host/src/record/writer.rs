@@ -88,54 +88,29 @@ const NAVIGATION: usize = 4;
 const TELEMETRY: usize = 5;
 const FRAMES: usize = 6;
 
+const fn channel(
+    topic: &'static str,
+    schema: &'static str,
+    text: &'static str,
+    holds: bool,
+) -> Channel {
+    Channel { topic, schema, text, holds }
+}
+
 /// The kinds of rows of a record.
 pub const CHANNELS: [Channel; 7] = [
-    Channel {
-        topic: "/pose",
-        schema: "foxglove.PoseInFrame",
-        text: include_str!("schemas/PoseInFrame.json"),
-        holds: false,
-    },
-    Channel {
-        topic: "/path",
-        schema: "foxglove.PosesInFrame",
-        text: include_str!("schemas/PosesInFrame.json"),
-        holds: true,
-    },
-    Channel {
-        topic: "/log",
-        schema: "foxglove.Log",
-        text: include_str!("schemas/Log.json"),
-        holds: false,
-    },
-    Channel {
-        topic: "/command",
-        schema: "flix.Command",
-        text: include_str!("schemas/Command.json"),
-        holds: false,
-    },
-    Channel {
-        topic: "/navigation",
-        schema: "flix.Navigation",
-        text: include_str!("schemas/Navigation.json"),
-        holds: false,
-    },
-    Channel {
-        topic: "/telemetry",
-        schema: "flix.Telemetry",
-        text: include_str!("schemas/Telemetry.json"),
-        holds: false,
-    },
+    channel("/pose", "foxglove.PoseInFrame", include_str!("schemas/PoseInFrame.json"), false),
+    channel("/path", "foxglove.PosesInFrame", include_str!("schemas/PosesInFrame.json"), true),
+    channel("/log", "foxglove.Log", include_str!("schemas/Log.json"), false),
+    channel("/command", "flix.Command", include_str!("schemas/Command.json"), false),
+    channel("/navigation", "flix.Navigation", include_str!("schemas/Navigation.json"), false),
+    channel("/telemetry", "flix.Telemetry", include_str!("schemas/Telemetry.json"), false),
     FRAMES_CHANNEL,
 ];
 
 /// Poses of frames, for programs that show a robot by its URDF.
-pub const FRAMES_CHANNEL: Channel = Channel {
-    topic: "/tf",
-    schema: "foxglove.FrameTransforms",
-    text: include_str!("schemas/FrameTransforms.json"),
-    holds: false,
-};
+pub const FRAMES_CHANNEL: Channel =
+    channel("/tf", "foxglove.FrameTransforms", include_str!("schemas/FrameTransforms.json"), false);
 
 /// Who reads a record while it is written.
 pub trait Reader {

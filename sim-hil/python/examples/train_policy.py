@@ -238,9 +238,10 @@ class Firmware:
             self.start[i] = position - np.array(self.robots[i].position[:2])
         self.look()
 
-    def set_drive(self, f_hz, theta_rad):
-        for robot, f, theta in zip(self.robots, f_hz, np.degrees(theta_rad), strict=True):
-            robot.drive(f, theta)
+    def set_drive(self, f_hz, theta_rad, robots=None):
+        chosen = range(len(self.robots)) if robots is None else robots
+        for i, f, theta in np.broadcast(chosen, f_hz, np.degrees(theta_rad)):
+            self.robots[i].drive(float(f), float(theta))
 
     def run(self, seconds, step):
         for robot in self.robots:

@@ -53,7 +53,7 @@ const FULL_IMPULSE: f64 = 8e-3;
 pub(super) type Done<T, S> = Result<T, CommissionError<<S as RobotLink>::Error>>;
 
 /// A robot, and what was changed about it.
-pub(super) struct Subject<'a, S> {
+pub(super) struct RobotUnderTest<'a, S> {
     pub(super) robot: &'a mut S,
     changed: Vec<Changed>,
     /// Whether the robot was armed, and so aligned anew.
@@ -69,7 +69,7 @@ struct Changed {
     now: f32,
 }
 
-impl<'a, S: RobotLink> Subject<'a, S> {
+impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
     pub(super) const fn new(robot: &'a mut S) -> Self {
         Self { robot, changed: Vec::new(), is_aligned: false }
     }
