@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -99,6 +99,20 @@ def seeds(values: Any) -> list[int]:
         if not 0 <= seed < 2**64:
             raise ValueError(f"a seed is {seed}: choose whole numbers from 0 to 2**64 - 1")
     return whole
+
+
+def some_seeds(values: Any) -> list[int | None]:
+    """Return seeds of which some may be none."""
+    if isinstance(values, (str, bytes, bytearray, memoryview, set, frozenset, Mapping)):
+        raise ValueError(f"seeds is {values!r}: give a list of whole numbers")
+    return [None if each is None else seed(each) for each in values]
+
+
+def seed(value: Any) -> int:
+    """Return one seed as a whole number."""
+    if np.ndim(value):
+        raise ValueError(f"a seed is {value!r}: give a whole number")
+    return seeds(value)[0]
 
 
 def chosen(robots: Any, count: int) -> list[int] | None:

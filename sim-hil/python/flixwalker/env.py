@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -218,14 +218,14 @@ class FlixWalkerVectorEnv(VectorEnv):
             raise ValueError(
                 f"reset_mask is {mask.dtype} of the shape {mask.shape}: give bool of ({self.num_envs},)"
             )
-        if seed is not None and np.ndim(seed) == 0:
-            seed = [_arguments.seeds(seed)[0] + robot for robot in range(self.num_envs)]
+        if seed is not None and np.ndim(seed) == 0 and not isinstance(seed, Iterator):
+            seed = [_arguments.seed(seed) + robot for robot in range(self.num_envs)]
         # What was before stays where it is refused.
         random = list(getattr(self, "random", [])) or [np.random.default_rng() for _ in range(self.num_envs)]
         # Gymnasium's word for one that is not known.
         first = -1 if self._np_random_seed is None else self._np_random_seed
         if seed is not None:
-            seeds = [None if each is None else _arguments.seeds(each)[0] for each in seed]
+            seeds = _arguments.some_seeds(seed)
             if len(seeds) != self.num_envs:
                 raise ValueError(f"{len(seeds)} seeds for {self.num_envs} robots: give one, or one a robot")
             for robot in np.flatnonzero(mask):
@@ -284,18 +284,21 @@ class FlixWalkerVectorEnv(VectorEnv):
 
     def _made(self) -> tuple[object, ...]:
         """Return what another environment has to have alike to go on from a state of this one."""
-        made = (self.model, self.randomize, self.actions, self.interval, self.step_s, self.limit, self.num_envs)
-        return type(self).__name__, self.task, self.path.tolist(), *made
+        drawn = list(self.randomize.items())
+        when = self.interval, self.step_s, self.limit, self.autoreset_mode
+        return type(self).__name__, self.num_envs, self.task, self.actions, self.model, drawn, self.path.tolist(), *when
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
         needed = {"batch", "made", *self._LASTING}
-        if not needed <= set(state) <= needed | set(self._RANDOM):
+        if not isinstance(state, Mapping) or not needed <= set(state) <= needed | set(self._RANDOM):
             raise ValueError("this is no state of such an environment: give what its get_state returned")
         state = copy.deepcopy(dict(state))
         if state.pop("made") != self._made():
             raise ValueError("this state is of an environment that was made otherwise: give both the same parameters")
         self.batch.set_state(state.pop("batch"))
+        for name in self._RANDOM:
+            vars(self).pop(name, None)
         vars(self).update(state)
         self._film()
 
@@ -474,6 +477,8 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Put the robot to a new start."""
+        if isinstance(seed, bool):
+            raise ValueError(f"seed is {seed}: give a whole number")
         super().reset(seed=seed)
         if seed is not None or self._drawn_from is None or self._np_random is not self._drawn_from:
             seen, _ = self.many.reset(seed=[int(self.np_random.integers(2**63))])
@@ -497,14 +502,16 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
 
     def get_state(self) -> dict[str, Any]:
         """Return robot, episode and random numbers, for `set_state` of an environment that was made alike."""
-        return self.many.get_state() | {"seeds": copy.deepcopy(self._np_random)}
+        is_drawn_from = self._np_random is self._drawn_from
+        return self.many.get_state() | {"seeds": (copy.deepcopy(self._np_random), is_drawn_from)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
-        if "seeds" not in state:
+        if not isinstance(state, Mapping) or "seeds" not in state:
             raise ValueError("this is no state of one robot's environment: give what its get_state returned")
         self.many.set_state({name: value for name, value in state.items() if name != "seeds"})
-        self._np_random = self._drawn_from = copy.deepcopy(state["seeds"])
+        self._np_random, is_drawn_from = copy.deepcopy(state["seeds"])
+        self._drawn_from = self._np_random if is_drawn_from else None
 
     def render(self) -> str | None:
         """Return a page for the browser with the episode so far."""

@@ -409,7 +409,7 @@ def test_a_state_is_of_an_environment_that_was_made_alike_or_nothing_changes() -
     one = FlixWalkerVectorEnv(1, "speed")
     others = [FlixWalkerVectorEnv(1, "speed", **more) for more in (
         {"model": slippery}, {"interval": 0.5}, {"seconds": 3.0}, {"actions": "modes"},
-        {"randomize": {"legs.fl.friction": (0.5, 1.5)}},
+        {"randomize": {"legs.fl.friction": (0.5, 1.5)}}, {"autoreset_mode": AutoresetMode.SAME_STEP},
     )]
     one.reset(seed=1)
     before = one.get_state()
@@ -417,7 +417,7 @@ def test_a_state_is_of_an_environment_that_was_made_alike_or_nothing_changes() -
         other.reset(seed=1)
         with pytest.raises(ValueError, match="made otherwise"):
             one.set_state(other.get_state())
-    for wrong in ({}, {"made": 1}, before | {"seeds": 1}):
+    for wrong in ({}, {"made": 1}, before | {"seeds": 1}, None):
         with pytest.raises(ValueError, match="no state of such"):
             one.set_state(wrong)
     home, speed = (gymnasium.make("FlixWalker-v1", task=task).unwrapped for task in ("home", "speed"))
@@ -467,6 +467,30 @@ def test_a_path_is_the_environments_own() -> None:
     assert envs.path.any()
 
 
+def test_the_state_before_the_first_reset_and_the_order_of_draws_are_kept() -> None:
+    new, walked = (FlixWalkerVectorEnv(1, "speed") for _ in range(2))
+    walked.reset(seed=1)
+    walked.set_state(new.get_state())
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        walked.step(np.zeros((1, 2)))
+    ranges = {"legs.fl.friction": (0.5, 1.5), "body.total_mass_g": (0.8, 1.2)}
+    one, other = (FlixWalkerVectorEnv(1, randomize=dict(order)) for order in (ranges.items(), reversed(ranges.items())))
+    one.reset(seed=1)
+    with pytest.raises(ValueError, match="made otherwise"):
+        other.set_state(one.get_state())
+
+
+def test_seeds_are_a_number_or_one_a_robot() -> None:
+    envs = FlixWalkerVectorEnv(2, "home")
+    one = envs.reset(seed=[10, 50])[0]
+    assert (envs.reset(seed=(seed for seed in (10, 50)))[0] == one).all()
+    for wrong in ([[1, 5], [2, 6]], [[], []], bytearray(b"12"), {1, 2}, {1: 2, 3: 4}, "12", iter([])):
+        with pytest.raises(ValueError, match="seed"):
+            envs.reset(seed=wrong)
+    with pytest.raises(ValueError, match="seed is True"):
+        gymnasium.make("FlixWalker-v1").reset(seed=True)
+
+
 def test_a_generator_that_is_set_draws_the_next_start() -> None:
     env = gymnasium.make("FlixWalker-v1", task="home", **SHORT).unwrapped
     starts = []
@@ -474,6 +498,10 @@ def test_a_generator_that_is_set_draws_the_next_start() -> None:
         env.np_random = np.random.default_rng(3)
         starts.append(env.reset()[0])
     assert (starts[0] == starts[1]).all() and not (env.reset()[0] == starts[0]).all()
+    copied = gymnasium.make("FlixWalker-v1", task="home", **SHORT).unwrapped
+    env.np_random = np.random.default_rng(4)
+    copied.set_state(env.get_state())
+    assert (env.reset()[0] == copied.reset()[0]).all()
 
 
 def test_an_episode_of_short_intervals_becomes_a_page() -> None:
