@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,13 +19,15 @@ def is_whole(value: Any) -> bool:
 
 def _stranger(values: Any) -> str | None:
     """Return what a list, or one in it, holds that numpy takes for numbers: true for 1, bytes, what is masked."""
-    if isinstance(values, (list, tuple)):
-        return next((found for found in map(_stranger, values) if found), None)
+    if np.ma.is_masked(values):
+        return "masked values"
     if isinstance(values, (bool, np.bool_)) or getattr(values, "dtype", None) == bool:
         return "true or false"
     if isinstance(values, (bytes, bytearray, memoryview)):
         return "bytes"
-    return "masked values" if np.ma.is_masked(values) else None
+    if isinstance(values, Sequence) and not isinstance(values, (str, range)):
+        return next((found for found in map(_stranger, values) if found), None)
+    return None
 
 
 def of_kind(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
@@ -55,7 +57,9 @@ def of_kind(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
         # Of nothing numpy makes floats.
         return np.zeros(array.shape, dtype=np.float64 if "f" in kinds else np.int64)
     if array.dtype.kind not in kinds:
-        raise ValueError(f"{name} holds {array.ravel().tolist()[0]!r}: give {what}")
+        each = np.array(values, dtype=object).ravel() if array.dtype.kind == "O" or "f" not in kinds else array.ravel()
+        bad = next((it for it in each.tolist() if np.asarray(it).dtype.kind not in kinds), each.tolist()[0])
+        raise ValueError(f"{name} holds {bad!r}: give {what}")
     return array
 
 
@@ -64,6 +68,14 @@ def _array(name: str, values: Any, kinds: str, what: str) -> np.ndarray:
     if array.ndim > 1:
         raise ValueError(f"{name} has the shape {array.shape}: give one, or a list of them")
     return np.atleast_1d(array)
+
+
+def number(name: str, value: Any) -> float:
+    """Return one number."""
+    array = of_kind(name, value, NUMBERS, "a number")
+    if array.ndim:
+        raise ValueError(f"{name} has the shape {array.shape}: give one number")
+    return float(array)
 
 
 def numbers(name: str, values: Any) -> np.ndarray:

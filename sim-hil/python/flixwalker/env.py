@@ -28,10 +28,12 @@ OFF_PATH = 0.5
 HOME_M = 0.03
 #: Standard gravity of the simulator, m/s^2.
 GRAVITY = 9.81
-#: No robot walks faster, m/s: from one action to the next its nearest point of the path goes no farther than that.
+#: No robot walks faster, m/s: from one action to the next its place on the path goes no farther than that.
 FASTEST_M_S = 0.3
-#: Points of the path that are as near as this are equally near, m.
-ALIKE_M = 3e-3
+#: Places of the path that are as near as this are equally near, and a robot that trembles by that has not walked back, m.
+ALIKE_M, TREMBLING_M = 1.5e-3, 5e-3
+#: So far along the path another stretch may be that was taken for this one, m.
+BESIDE_M = 0.15
 #: A robot pulls the point whose way is paid on a thread as long as this, m: a body that trembles pulls nothing.
 THREAD_M = 0.01
 #: Share of the energy over the weight that is taken from the way of ``"transport"``.
@@ -67,7 +69,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         the origin from a start up to 0.5 m away. ``"speed"``: go as far as possible in any direction; the reward is the way
         of a point that the robot pulls behind it on a thread of 10 mm, for a body that trembles goes nowhere.
         ``"transport"``: the same at the lowest energy; the reward is that way less a tenth of the energy over the weight.
-        What braking gives back is lost, as in the robot.
+        An interval that gives back more than it takes, by braking, is free, and no more.
     actions
         ``"pair"``: f and theta as two numbers from -1 to 1, for -35 to 35 Hz and -90 to 90 degrees; what is beyond is clipped.
         ``"modes"``: one of the nine modes of the paper's Tables III and IV. The rotors stand at first, and go from one pair to
@@ -79,7 +81,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         1.58)}``. A tuple of paths shares one draw.
     path
         (k, 2) in m, closed; an 8 of half a metre if none is given. As long as four intervals of the fastest walk, 0.3 m/s, at
-        least. The nearest point goes along it with the robot: crossings are no short cuts.
+        least. Its place on the path goes along it with the robot, as fast at most: crossings and lanes are no short cuts.
     seconds, max_episode_steps
         Length of an episode, s, or in actions, which counts where it is given. `gymnasium.make` keeps a `max_episode_steps`
         to itself, so that it can shorten an episode and no more: give it `seconds`. `make_vec` passes both on.
@@ -99,7 +101,7 @@ class FlixWalkerVectorEnv(VectorEnv):
 
     metadata = {"render_modes": ["html"], "autoreset_mode": AutoresetMode.NEXT_STEP}
     #: What changes, beside the batch.
-    _LASTING: tuple[str, ...] = ("weight", "steps", "done", "nearest", "motion", "anchor", "billed")
+    _LASTING: tuple[str, ...] = ("weight", "steps", "done", "place", "behind", "motion", "anchor", "billed")
     #: The same, once it was reset.
     _RANDOM = ("random", "_np_random", "_np_random_seed")
 
@@ -153,8 +155,10 @@ class FlixWalkerVectorEnv(VectorEnv):
                     raise ValueError(f"randomize names {name}, which is 0, and any factor of it is 0: leave it out")
             self._drawn_at({field: low})
             self._drawn_at({field: high})
+        step, seconds = _arguments.number("step", step), _arguments.number("seconds", seconds)
         if not 0.0 < step <= LONGEST_STEP_S:
             raise ValueError(f"step is {step} s: choose more than 0, and {LONGEST_STEP_S} s at most")
+        interval = _arguments.number("interval", interval)
         steps = interval / step
         if not 0.5 < steps < np.inf or abs(steps - round(steps)) > 1e-9 * steps:
             raise ValueError(f"interval is {interval} s and step {step} s: choose an interval of whole steps")
@@ -182,7 +186,9 @@ class FlixWalkerVectorEnv(VectorEnv):
         self.weight = np.full(num_envs, GRAVITY * _mass(self.model))
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self.done = np.ones(num_envs, dtype=bool)
-        self.nearest = np.zeros(num_envs, dtype=np.int64)
+        self.place = np.zeros(num_envs, dtype=np.int64)
+        #: How far behind the farthest place that it trembles about, m.
+        self.behind = np.zeros(num_envs)
         self.motion = np.zeros((num_envs, 3))
         self.anchor = np.zeros((num_envs, 2))
         self.billed = np.zeros(num_envs)
@@ -190,24 +196,29 @@ class FlixWalkerVectorEnv(VectorEnv):
         if task == "path":
             self._lay(_distinct(self.path))
 
-    def _lay(self, points: np.ndarray) -> None:
-        """Take these points for the path."""
-        self.path = points
-        along = np.hypot(*np.diff(points, axis=0, append=points[:1]).T)
-        #: How far each point is along the path, and the length of all of it, m.
-        self.at, self.length = np.cumsum(along) - along, float(along.sum())
-        reach = FASTEST_M_S * self.interval
-        if not 4.0 * reach <= self.length <= 1e3:
-            raise ValueError(
-                f"path is {self.length:.3g} m long: choose {4.0 * reach:.3g} to 1000 m, or another interval"
-            )
-        # An eighth of it ahead is looked at, and a quarter of that behind; never less than a robot may have walked, nor than a point.
-        self.within = -max(reach, self.length / 32), max(reach, self.length / 8)
-        rounds = np.concatenate([self.at - self.length, self.at, self.at + self.length])
-        points = np.arange(len(points), 2 * len(points))
-        first, last = (np.searchsorted(rounds, self.at + end) for end in self.within)
-        #: The points within that of any one, counted from it.
-        self.around = np.arange(min((first - points).min(), -1), max((last - points).max(), 1) + 1)
+    def _lay(self, path: np.ndarray) -> None:
+        """Take these points for the path, and find places at even distances on it."""
+        self.path = path
+        sides = np.hypot(*np.diff(path, axis=0, append=path[:1]).T)
+        self.reach = reach = FASTEST_M_S * self.interval
+        length = float(sides.sum())
+        if not 4.0 * reach <= length <= 1e3:
+            raise ValueError(f"path is {length:.3g} m long: choose {4.0 * reach:.3g} to 1000 m, or another interval")
+        count = max(8, round(length / SPACING_M))
+        self.spacing = length / count
+        at, ends = self.spacing * np.arange(count), np.append(np.cumsum(sides) - sides, length)
+        closed = np.vstack([path, path[:1]])
+        self.places = np.column_stack([np.interp(at, ends, closed[:, axis]) for axis in range(2)])
+        #: The point of the path that is nearest along it, for each place.
+        self.point = np.searchsorted(0.5 * (ends[1:] + ends[:-1]), at, side="right") % len(path)
+        steps = max(2, int(np.ceil(max(reach, min(BESIDE_M, length / 8)) / self.spacing)))
+        #: The places that are looked at, from the last one.
+        self.around = np.arange(-steps, steps + 1)
+
+    @property
+    def nearest(self) -> np.ndarray:
+        """Which point of the path each robot is at."""
+        return self.point[self.place]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -221,7 +232,11 @@ class FlixWalkerVectorEnv(VectorEnv):
         if seed is not None and np.ndim(seed) == 0 and not isinstance(seed, Iterator):
             seed = [_arguments.seed(seed) + robot for robot in range(self.num_envs)]
         # What was before stays where it is refused.
-        random = list(getattr(self, "random", [])) or [np.random.default_rng() for _ in range(self.num_envs)]
+        random, given = list(getattr(self, "random", [])), self._np_random
+        if given is not None and not (random and given is random[0]):
+            # Somebody has set it.
+            random = [np.random.default_rng(int(given.integers(2**63))) for _ in range(self.num_envs)]
+        random = random or [np.random.default_rng() for _ in range(self.num_envs)]
         # Gymnasium's word for one that is not known.
         first = -1 if self._np_random_seed is None else self._np_random_seed
         if seed is not None:
@@ -254,7 +269,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         moved = self.batch.position - position
         turned = _wrapped(self.batch.yaw - yaw)
         self.motion = np.column_stack([*_turned(moved, yaw + 0.5 * turned), turned]) / self.interval
-        reward = self._reward(position, np.maximum(self.batch.energy - self.billed, 0.0))
+        reward = self._reward(np.maximum(self.batch.energy - self.billed, 0.0))
         self.billed = self.batch.energy.copy()
         terminated = self._ended()
         truncated = ~terminated & (self.steps >= self.limit)
@@ -392,7 +407,8 @@ class FlixWalkerVectorEnv(VectorEnv):
             self.weight[robots] = [GRAVITY * _mass(model) for model in models]
         self.steps[robots] = 0
         self.done[robots] = False
-        self.nearest[robots] = 0
+        self.place[robots] = 0
+        self.behind[robots] = 0.0
         self.motion[robots] = 0.0
         self.anchor[robots] = self.batch.position[robots, :2]
         self.billed[robots] = self.batch.energy[robots]
@@ -416,12 +432,13 @@ class FlixWalkerVectorEnv(VectorEnv):
             return self.path[(self.nearest + 1) % len(self.path)]
         return np.zeros((self.num_envs, 2))
 
-    def _reward(self, before: np.ndarray, energy: np.ndarray) -> np.ndarray:
-        now, before = self.batch.position[:, :2], before[:, :2]
+    def _reward(self, energy: np.ndarray) -> np.ndarray:
+        now = self.batch.position[:, :2]
         if self.task == "path":
             way = self._follow()
-            return way - OFF_PATH * self.interval * np.hypot(*(now - self.path[self.nearest]).T)
+            return way - OFF_PATH * self.interval * np.hypot(*(now - self.places[self.place]).T)
         if self.task == "home":
+            before, self.anchor = self.anchor, now.copy()
             return np.hypot(*before.T) - np.hypot(*now.T)
         gap = now - self.anchor
         far = np.hypot(*gap.T)
@@ -430,25 +447,24 @@ class FlixWalkerVectorEnv(VectorEnv):
         return way if self.task == "speed" else way - ENERGY_SHARE * energy / self.weight
 
     def _follow(self) -> np.ndarray:
-        """Take the nearest point near the last one, and return the way from that to it, m, forward along the path.
+        """Take the nearest place near the last one, and return the way from that to it, m, forward along the path.
 
-        Where the path turns back on itself, or passes by itself, points of several stretches are near: the one that is least
-        far along the path from the last one counts, and of two the one ahead.
+        Where the path turns back on itself, or passes by itself, places of several stretches are equally near: the next one
+        counts, and rather one ahead than one behind. So who turned at a tip, or just before it, is on the way back.
         """
-        candidates = (self.nearest[:, None] + self.around) % len(self.path)
-        way = self.at[candidates] - self.at[self.nearest][:, None]
-        way -= self.length * np.round(way / self.length)
-        gap = self.path[candidates] - self.batch.position[:, None, :2]
+        candidates = (self.place[:, None] + self.around) % len(self.places)
+        gap = self.places[candidates] - self.batch.position[:, None, :2]
         off = np.hypot(gap[..., 0], gap[..., 1])
-        is_within = (way >= self.within[0]) & (way <= self.within[1]) | (np.abs(self.around) <= 1)
-        off = np.where(is_within, off, np.inf)
         beside = np.pad(off, ((0, 0), (1, 1)), constant_values=np.inf)
-        is_lowest = (off <= beside[:, :-2]) & (off <= beside[:, 2:])
-        is_lowest &= off <= off.min(axis=1, keepdims=True) + ALIKE_M
-        far = np.where(is_lowest, np.abs(way) - 0.5 * ALIKE_M * (way > 0.0), np.inf)
-        best = np.arange(self.num_envs), far.argmin(axis=1)
-        self.nearest = candidates[best]
-        return way[best]
+        is_near = (off <= beside[:, :-2]) & (off <= beside[:, 2:]) & (off <= off.min(axis=1, keepdims=True) + ALIKE_M)
+        way = self.spacing * self.around
+        behind = np.minimum(self.behind[:, None] + way, 0.0)
+        rank = np.abs(way) + np.where(behind < -TREMBLING_M, self.reach, 0.5 * self.spacing * (way < 0.0))
+        best = np.arange(self.num_envs), np.where(is_near, rank, np.inf).argmin(axis=1)
+        # Who has walked back further than that begins to tremble there.
+        self.behind = np.where(behind[best] < -TREMBLING_M, 0.0, behind[best])
+        self.place = candidates[best]
+        return way[best[1]]
 
     def _observe(self) -> np.ndarray:
         at, yaw = self.batch.position[:, :2], self.batch.yaw
@@ -539,14 +555,14 @@ class FlixWalkerPathVectorEnv(FlixWalkerVectorEnv):
         if "task" in parameters:
             raise ValueError("this environment follows a path: choose tasks by FlixWalker-v1")
         super().__init__(num_envs, "path", **parameters)
-        self._lay(_even(self.path))
+        self.path, self.point = self.places, np.arange(len(self.places))
         following = np.roll(self.path, -1, axis=0)
         tangent = following - np.roll(self.path, 1, axis=0)
         # Where the path turns back, it goes where it goes next.
-        back = np.hypot(*tangent.T) < 0.5 * SPACING_M
+        back = np.hypot(*tangent.T) < 0.5 * self.spacing
         tangent[back] = following[back] - self.path[back]
         self.tangent = tangent / np.hypot(*tangent.T)[:, None]
-        self.ahead = np.round(np.array(AHEAD_M) / SPACING_M).astype(np.int64)
+        self.ahead = np.round(np.array(AHEAD_M) / self.spacing).astype(np.int64)
         self.action = np.zeros((num_envs, 2))
         self.single_observation_space = spaces.Box(-LARGEST, LARGEST, dtype=np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -570,7 +586,7 @@ class FlixWalkerPathVectorEnv(FlixWalkerVectorEnv):
     def _ended(self) -> np.ndarray:
         return super()._ended() | (np.abs(self.off_path()) > FARTHEST_M)
 
-    def _reward(self, before: np.ndarray, energy: np.ndarray) -> np.ndarray:
+    def _reward(self, energy: np.ndarray) -> np.ndarray:
         way = self._follow()
         share = np.abs(self.off_path()) / FARTHEST_M
         reward = np.clip(way / (BRISK_M_S * self.interval), -1.0, 1.0) - np.minimum(share, 1.0)
@@ -607,14 +623,6 @@ def newest_vector(num_envs: int = 1, task: str = "path", **parameters: Any) -> F
 def _distinct(path: np.ndarray) -> np.ndarray:
     """Return a closed path without the points that are where the next one is."""
     return path[np.hypot(*(path - np.roll(path, -1, axis=0)).T) > 1e-9]
-
-
-def _even(path: np.ndarray) -> np.ndarray:
-    """Return a closed path by points at equal distances, `SPACING_M` or a little off."""
-    ends = np.vstack([path, path[:1]])
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ends, axis=0).T))])
-    at = np.linspace(0.0, way[-1], round(way[-1] / SPACING_M), endpoint=False)
-    return np.column_stack([np.interp(at, way, ends[:, axis]) for axis in range(2)])
 
 
 def _mass(model: Model) -> float:

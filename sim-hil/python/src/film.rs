@@ -40,6 +40,9 @@ impl Film {
                 "interval is {interval} s: choose 0.0001 to 1000 s"
             )));
         }
+        if reference.iter().flatten().any(|it| !it.is_finite()) {
+            return Err(PyValueError::new_err("reference holds what is no number"));
+        }
         Ok(Self { frames: Shared::new(Frames::new(&model.0, interval)), reference })
     }
 

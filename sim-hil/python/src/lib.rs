@@ -17,6 +17,7 @@ use std::time::Duration;
 use pyo3::exceptions::{PyOverflowError, PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt as _;
+use pyo3::types::PyBool;
 
 #[pymodule]
 mod _flixwalker {
@@ -34,8 +35,9 @@ mod _flixwalker {
 
 /// Takes a number. Python has true for 1, and nobody means it.
 fn number<'py, T: for<'a> FromPyObject<'a, 'py>>(value: &Bound<'py, PyAny>) -> PyResult<T> {
-    let kind = value.get_type().name()?;
-    if kind == "bool" || kind == "bool_" {
+    // A scalar or an array of numpy has a kind.
+    let kind = value.getattr("dtype").and_then(|dtype| dtype.getattr("kind"));
+    if value.is_instance_of::<PyBool>() || kind.is_ok_and(|kind| kind.eq("b").unwrap_or(false)) {
         return Err(PyTypeError::new_err(format!("{value} is no number")));
     }
     value.extract().map_err(Into::into)

@@ -1,5 +1,6 @@
 """Batches: what a robot does, alone and in company."""
 
+import collections
 import copy
 import multiprocessing
 import os
@@ -359,6 +360,17 @@ def test_what_is_no_number_or_too_large_is_refused_in_a_sentence() -> None:
     with pytest.raises(TypeError, match="one a robot"):
         batch.reset([1, 2], models=MODEL)
     batch.reset((seed for seed in (3, 4)), robots=iter([1, 0]))
+    with pytest.raises(ValueError, match="masked"):
+        batch.set_drive(30.0, 0.0, np.ma.array([True, True], mask=[0, 1]))
+    for mixed in (collections.deque([True, 2.0]), collections.UserList([True, 2.0])):
+        with pytest.raises(ValueError, match="true or false"):
+            batch.set_drive(mixed, 0.0)
+    with pytest.raises(TypeError, match="no number"):
+        batch.run(np.array(True))
+    with pytest.raises(ValueError, match="holds 2.5"):
+        batch.reset([1, 2.5])
+    with pytest.raises(ValueError, match="reference"):
+        Film(MODEL, 0.01, [[0.0, np.nan]])
     with pytest.raises(ValueError, match="set"):
         batch.reset([1], robots={0})
 

@@ -5,7 +5,7 @@ use flix_sim::reliability::commissioned_accuracy;
 
 #[test]
 fn commissioned_robots_keep_every_promise_or_say_why_not() {
-    let promises = commissioned::measure(3, 1, || {}).unwrap();
+    let promises = commissioned_accuracy::measure(3, 1, || {}).unwrap();
     for kind in [&promises.current_sense, &promises.voltage_mode] {
         assert_eq!(kind.held + kind.limited + kind.named, 3, "{kind:?}");
         assert_eq!((kind.misnamed, kind.silent, kind.beyond_current), (0, 0, 0), "{kind:?}");
