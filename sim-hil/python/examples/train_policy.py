@@ -13,11 +13,11 @@ Four weights of that cost are searched by the cross-entropy method, in the envir
     python train_policy.py --save policy.npz             # some ten minutes on two cores
     python train_policy.py --load policy.npz --seed 2    # other robots
 
-Measured on 27 November 2026, with `--seed 1`, on two cores that others used too: training 297 s. RMS distance off the path in
-120 s, the start included: in the environment 12.2 mm over all 40 robots, at most 18.7 mm; with the robots' software 12.5 mm,
-at most 20.5 mm. All walk a lap or more. Seed 1 alone flatters: of 120 other robots in the environment (seeds 2 to 4) the same
-policy keeps 116 within 20 mm, the worst at 28.7 mm, and of 40 with their software (seed 2) 39 within 22 mm, the worst at
-24.5 mm. All walk a lap, and none leaves the path. On floors that fall by up to 2 degrees it keeps 30 of 40.
+Measured on 28 November 2026, with `--seed 1`, on two cores: training 342 s, all of it 9 minutes. RMS distance off the path in
+120 s, the start included: in the environment 10.5 mm over all 40 robots, at most 17.3 mm; with the robots' software 10.8 mm,
+at most 14.6 mm. All walk a lap or more. Seed 1 alone may flatter: of 120 other robots in the environment (seeds 2 to 4) the
+policy of the day before kept 116 within 20 mm, the worst at 28.7 mm, and of 40 with their software (seed 2) 39 within 22 mm,
+the worst at 24.5 mm. On floors that fall by up to 2 degrees it kept 30 of 40.
 """
 
 import argparse
