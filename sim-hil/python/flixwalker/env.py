@@ -28,11 +28,11 @@ OFF_PATH = 0.5
 HOME_M = 0.03
 #: Standard gravity of the simulator, m/s^2.
 GRAVITY = 9.81
-#: No robot walks faster, m/s: from one action to the next its place on the path goes no farther than that.
+#: No robot walks faster, m/s.
 FASTEST_M_S = 0.3
 #: Places of the path that are as near as this are equally near, and a robot that trembles by that has not walked back, m.
 ALIKE_M, TREMBLING_M = 1.5e-3, 5e-3
-#: So far along the path another stretch may be that was taken for this one, m.
+#: So far along the path, or as far as the fastest robot comes, another stretch is looked at beside this one, m.
 BESIDE_M = 0.15
 #: A robot pulls the point whose way is paid on a thread as long as this, m: a body that trembles pulls nothing.
 THREAD_M = 0.01
@@ -81,7 +81,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         1.58)}``. A tuple of paths shares one draw.
     path
         (k, 2) in m, closed; an 8 of half a metre if none is given. As long as four intervals of the fastest walk, 0.3 m/s, at
-        least. Its place on the path goes along it with the robot, as fast at most: crossings and lanes are no short cuts.
+        least. The robot's place on it is looked for within one of these, or 150 mm, of the last one: crossings and lanes are
+        no short cuts.
     seconds, max_episode_steps
         Length of an episode, s, or in actions, which counts where it is given. `gymnasium.make` keeps a `max_episode_steps`
         to itself, so that it can shorten an episode and no more: give it `seconds`. `make_vec` passes both on.

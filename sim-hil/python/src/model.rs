@@ -130,20 +130,28 @@ impl Model {
     }
 
     fn replace(&self, py: Python<'_>, fields: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let mut tree = tree(&self.0)?;
+        let before = tree(&self.0)?;
+        let (mut tree, mut replaced) = (before.clone(), Vec::new());
         for (path, value) in fields {
-            let path: &str = path.extract()?;
+            let path: String = path.extract()?;
             let plain = from_python(&value).map_err(|_| {
                 refused(format!(
                     "{path} is {value:?}: give finite numbers, text, or lists and tables of them"
                 ))
-            });
-            *find(&mut tree, path)? = plain?;
-            // Here its name is known.
-            let _: RobotModel = serde_json::from_value(tree.clone())
-                .map_err(|error| refused(format!("{path} is {value:?}: {error}")))?;
+            })?;
+            *find(&mut tree, &path)? = plain.clone();
+            replaced.push((path, plain));
         }
-        let model: RobotModel = serde_json::from_value(tree).map_err(refused)?;
+        let model: RobotModel = serde_json::from_value(tree).map_err(|error| {
+            // Alone each says whether it is the one.
+            let wrong = replaced.into_iter().find_map(|(path, plain)| {
+                let mut alone = before.clone();
+                *find(&mut alone, &path).ok()? = plain.clone();
+                let error = serde_json::from_value::<RobotModel>(alone).err()?;
+                Some(format!("{path} is {plain}: {error}"))
+            });
+            refused(wrong.unwrap_or_else(|| error.to_string()))
+        })?;
         model.check().map_err(refused)?;
         if let (Some(before), Some(after)) = (&self.0.legs, &model.legs)
             && beam(before) != beam(after)
