@@ -6,7 +6,6 @@ use core::time::Duration;
 use flix_host::link::RobotLink;
 use flix_protocol::message::{Command, Faults};
 use flix_sim::model::RobotModel;
-use flix_sim::plant::Plant;
 use flix_sim::reliability::commission::CURRENT_LIMIT_A;
 use flix_sim::reliability::commissioned_accuracy::draw;
 use flix_sim::reliability::unknown_motors::{Watched, measured_by_hand, unknown_motors};
@@ -64,7 +63,7 @@ impl Setup {
         seed: 1,
     };
 
-    fn shaking(self) -> Result<Operation<Plant>, BenchError> {
+    fn shaking(self) -> Result<Operation, BenchError> {
         let mut model = RobotModel::named("W")?;
         let electrical = &mut model.electrical;
         electrical.pack.takes_charge = self.on_battery;

@@ -8,7 +8,7 @@ use flix_host::teleop::paper_modes::PaperMode;
 use flix_protocol::message::{Fault, Faults};
 use flix_sim::experiment::metrics::line_error;
 use flix_sim::model::{RobotModel, SIMULATED_BOARD};
-use flix_sim::plant::{Plant, Wrench};
+use flix_sim::plant::Wrench;
 use flix_sim::reliability::commission::CURRENT_LIMIT_A;
 use flix_sim::reliability::unknown_motors::{self, Watched, measured_by_hand, unknown_motors};
 use flix_sim::rig::bench::{BASES, Base, Subject, setpoint};
@@ -28,7 +28,7 @@ fn subject(base: Base, senses_current: bool, seed: u64) -> Subject {
 }
 
 /// Brings a robot to hold f, Hz, and theta, degrees.
-fn holding(subject: &Subject, base: Base, (f, theta): (f64, f64)) -> Operation<Plant> {
+fn holding(subject: &Subject, base: Base, (f, theta): (f64, f64)) -> Operation {
     let mut operation = subject.on(base).unwrap();
     operation.arm().unwrap();
     operation.want(setpoint(f, theta).unwrap());
@@ -39,7 +39,7 @@ fn holding(subject: &Subject, base: Base, (f, theta): (f64, f64)) -> Operation<P
 /// Breaks something for so long and looks on for half a second more, or until a fault. Returns for how long theta, degrees, was
 /// ever off by more than [`DIRECTION_LIMIT_DEG`] at a time, and the fault.
 fn broken(
-    operation: &mut Operation<Plant>,
+    operation: &mut Operation,
     faults: &[HardwareFault],
     theta: f64,
     lasts: Duration,

@@ -14,7 +14,7 @@ use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::operation::Operation;
 use flix_sim::rig::simulated::{Processor, RobotParameters, SimulatedRobot};
 
-fn operation(network: ChannelParameters) -> Operation<Plant> {
+fn operation(network: ChannelParameters) -> Operation {
     let model = RobotModel::named("bench-fixed").expect("a shipped model");
     let mechanics = Plant::new(&model).expect("a shipped model");
     let robot = SimulatedRobot::new(RobotParameters::new(Key::new([7; 32]), 1), mechanics);
@@ -45,7 +45,7 @@ fn a_session_stands_through_heavy_loss_and_jitter() {
     assert_eq!(operation.request(Command::Ping(5)).unwrap(), Outcome::Pong(5));
 }
 
-fn crash(operation: &mut Operation<Plant>) -> Option<CrashReport> {
+fn crash(operation: &mut Operation) -> Option<CrashReport> {
     operation.wait_until_connected().unwrap();
     match operation.request(Command::Crash).unwrap() {
         Outcome::Crash(crash) => crash,

@@ -10,14 +10,13 @@ use flix_protocol::message::{
 };
 use flix_protocol::units::{Degrees, Hertz};
 use flix_sim::model::RobotModel;
-use flix_sim::plant::Plant;
 use flix_sim::rig::bench::{Base, Subject, bench, setpoint};
 use flix_sim::rig::operation::Operation;
 use flix_sim::rig::simulated::Truth;
 
 const TICK_US: u64 = 100;
 
-fn ask(operation: &mut Operation<Plant>, command: ScopeCommand) -> ScopeStatus {
+fn ask(operation: &mut Operation, command: ScopeCommand) -> ScopeStatus {
     match operation.request(Command::Scope(command)).unwrap() {
         Outcome::Scope(status) => status,
         other => panic!("{other:?}"),
@@ -29,7 +28,7 @@ fn plan(channels: &[Channel], trigger: Trigger, before: u16) -> ScopePlan {
 }
 
 /// Fetches a complete capture as an operator does.
-fn fetch(operation: &mut Operation<Plant>) -> Capture {
+fn fetch(operation: &mut Operation) -> Capture {
     let status = ask(operation, ScopeCommand::Status);
     assert_eq!(status.state, ScopeState::Complete);
     let mut capture = Capture::new(status);
@@ -45,7 +44,7 @@ fn fetch(operation: &mut Operation<Plant>) -> Capture {
 }
 
 /// What the fast half reported after each tick, and what was true.
-fn run(operation: &mut Operation<Plant>, duration: Duration) -> Vec<(Report, Truth)> {
+fn run(operation: &mut Operation, duration: Duration) -> Vec<(Report, Truth)> {
     let end = operation.now() + duration;
     let mut seen = Vec::new();
     while operation.now() < end {
@@ -60,7 +59,7 @@ fn turned(degrees: f64) -> f64 {
     (degrees + 180.0).rem_euclid(360.0) - 180.0
 }
 
-fn set(operation: &mut Operation<Plant>, name: &str, value: f32) {
+fn set(operation: &mut Operation, name: &str, value: f32) {
     let command = ParameterCommand::Set(name.try_into().unwrap(), value);
     let outcome = operation.request(Command::Parameter(command)).unwrap();
     assert!(matches!(outcome, Outcome::Parameter(_)), "{name}: {outcome:?}");

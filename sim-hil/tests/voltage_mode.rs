@@ -115,7 +115,7 @@ fn a_battery_that_is_strong_enough_limits_nothing() {
 }
 
 /// A new robot in voltage mode with motors of a tenth of an ohm, of which it knows nothing.
-fn new_with_strong_motors() -> Operation<Plant> {
+fn new_with_strong_motors() -> Operation {
     let mut model = RobotModel::named("bench-fixed").unwrap();
     model.electrical.sense.current = false;
     model.electrical.motor.phase_resistance_ohm = 0.1;
@@ -126,7 +126,7 @@ fn new_with_strong_motors() -> Operation<Plant> {
 }
 
 /// Arms, or is refused; returns the largest phase current meanwhile and for a second after, A, and the refusal.
-fn armed(operation: &mut Operation<Plant>) -> (f64, Option<String>) {
+fn armed(operation: &mut Operation) -> (f64, Option<String>) {
     let refusal = operation.arm().err().map(|error| error.to_string());
     let mut largest = 0.0_f64;
     operation

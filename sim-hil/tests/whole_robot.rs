@@ -17,7 +17,7 @@ fn what_the_battery_gives_goes_into_copper_friction_legs_and_floor_within_a_hund
     let robot = SimulatedRobot::new(RobotParameters::new(Key::new([7; 32]), 5), plant);
     let mut operation = Operation::new(robot, ChannelParameters::QUIET_WIFI);
     operation.arm().unwrap();
-    let books = |operation: &Operation<Plant>| {
+    let books = |operation: &Operation| {
         let plant = operation.robot.mechanics();
         (operation.robot.electronics().ledger(plant.rotor_angle()), plant.energy())
     };

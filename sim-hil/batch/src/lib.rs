@@ -14,17 +14,17 @@ use rayon::slice::ParallelSlice as _;
 use serde::{Deserialize, Serialize};
 
 use flix_plant::model::{ModelError, RobotModel};
-use flix_plant::plant::mechanics::lane::{Double, Lane, Single};
-use flix_plant::plant::mechanics::{Block, Clock, Kept, Pack, Robots};
+use flix_plant::plant::mechanics::lane::{Double, Lane, Quad, ShortQuad, Single};
+use flix_plant::plant::mechanics::{Block, Clock, Kept, Pack, Robots, has_long_vectors};
 use flix_plant::plant::{BodyState, Diverged, Plant, Wrench};
 
 /// Numbers that a batch computes with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Precision {
-    /// 24 bits (`f32`), sixteen robots in a vector of 512 bits: for studies and learning.
+    /// 24 bits (`f32`), sixteen robots in a vector of 512 bits, eight in one of 256: for studies and learning.
     #[default]
     Single,
-    /// 53 bits (`f64`), eight robots in it: the bits of [`Plant`].
+    /// 53 bits (`f64`), half as many robots: the bits of [`Plant`].
     Double,
 }
 
@@ -92,10 +92,29 @@ impl Batch {
         plants: &[&Plant],
         precision: Precision,
     ) -> Result<Self, ModelError> {
+        Self::in_blocks(models, plants, precision, has_long_vectors())
+    }
+
+    /// Creates the same robots in blocks of eight and sixteen or, as for machines without vectors of 256 bits, of four; their
+    /// bits do not depend on it.
+    ///
+    /// # Errors
+    /// If a model is refused or cannot walk.
+    ///
+    /// # Panics
+    /// If there is not a plant for each model, or this machine has no such vectors.
+    pub fn in_blocks(
+        models: Vec<RobotModel>,
+        plants: &[&Plant],
+        precision: Precision,
+        long_vectors: bool,
+    ) -> Result<Self, ModelError> {
         assert_eq!(models.len(), plants.len(), "a plant for each model");
-        let (lanes, create): (usize, Create) = match precision {
-            Precision::Single => (Single::LANES, block::<Single>),
-            Precision::Double => (Double::LANES, block::<Double>),
+        let (lanes, create): (usize, Create) = match (precision, long_vectors) {
+            (Precision::Single, true) => (Single::LANES, block::<Single>),
+            (Precision::Single, false) => (ShortQuad::LANES, block::<ShortQuad>),
+            (Precision::Double, true) => (Double::LANES, block::<Double>),
+            (Precision::Double, false) => (Quad::LANES, block::<Quad>),
         };
         let blocks = models.par_chunks(lanes).zip(plants.par_chunks(lanes));
         let blocks =

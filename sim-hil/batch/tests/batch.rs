@@ -67,6 +67,29 @@ fn a_robots_bits_do_not_depend_on_its_neighbours() {
 }
 
 #[test]
+fn a_robots_bits_do_not_depend_on_the_length_of_vectors() {
+    let (crowd, plants): (Vec<_>, Vec<_>) = crowd(9)
+        .into_iter()
+        .map(|(model, seed, [frequency_hz, theta_rad])| {
+            let mut plant = Plant::new(&model).unwrap();
+            plant.disturb(seed, false);
+            plant.set_drive(Drive::Ideal { frequency_hz, theta_rad });
+            (model, plant)
+        })
+        .unzip();
+    let plants: Vec<_> = plants.iter().collect();
+    for precision in [Precision::Single, Precision::Double] {
+        let run = |mut batch: Batch| {
+            batch.run(300, STEP);
+            (0..batch.len()).map(|robot| batch.body(robot)).collect::<Vec<_>>()
+        };
+        let short = Batch::in_blocks(crowd.clone(), &plants, precision, false).unwrap();
+        let usual = Batch::of(crowd.clone(), &plants, precision).unwrap();
+        assert_eq!(run(short), run(usual), "{precision:?}");
+    }
+}
+
+#[test]
 fn another_drive_takes_over_at_the_phase_of_the_last() {
     let crowd = crowd(3);
     let (mut short, mut long) =

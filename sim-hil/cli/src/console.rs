@@ -13,7 +13,6 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::error::Error;
 use super::output::print;
-use flix_sim::plant::Plant;
 use flix_sim::rig::simulated::SimulatedRobot;
 
 /// From one status line to the next.
@@ -39,7 +38,7 @@ pub(super) struct Console {
 }
 
 impl Console {
-    pub(super) fn open(robot: &SimulatedRobot<Plant>) -> Self {
+    pub(super) fn open(robot: &SimulatedRobot) -> Self {
         let line = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
         line.set_style(
             ProgressStyle::with_template("{msg}")
@@ -50,7 +49,7 @@ impl Console {
     }
 
     /// Reports changes, renews the status line, and does what was typed.
-    pub(super) fn attend(&mut self, robot: &mut SimulatedRobot<Plant>) -> Result<(), Error> {
+    pub(super) fn attend(&mut self, robot: &mut SimulatedRobot) -> Result<(), Error> {
         let report = robot.report();
         if self.reported != Some((report.state, report.faults)) {
             self.reported = Some((report.state, report.faults));
@@ -91,7 +90,7 @@ impl Console {
 }
 
 /// Returns where the robot is and what it does, in one line.
-fn status(robot: &SimulatedRobot<Plant>) -> String {
+fn status(robot: &SimulatedRobot) -> String {
     let (body, truth) = (robot.mechanics().body(), robot.truth());
     format!(
         "{}: x {} m, y {} m, heading {}\u{b0}, f {} Hz, battery {:.1} V",
@@ -105,7 +104,7 @@ fn status(robot: &SimulatedRobot<Plant>) -> String {
 }
 
 /// Returns the names of the operators, one a line; a star marks who drives.
-fn operators(robot: &SimulatedRobot<Plant>) -> String {
+fn operators(robot: &SimulatedRobot) -> String {
     let driver = robot.driver();
     let names = robot.parameters().operators.names();
     let line =
@@ -114,7 +113,7 @@ fn operators(robot: &SimulatedRobot<Plant>) -> String {
 }
 
 /// Erases the key of an operator, and returns what happened.
-fn revoke(robot: &mut SimulatedRobot<Plant>, name: &str) -> String {
+fn revoke(robot: &mut SimulatedRobot, name: &str) -> String {
     let mut operators = robot.parameters().operators.clone();
     match name.trim().parse() {
         Ok(name) if operators.names().as_slice() == [name] => {
@@ -130,7 +129,7 @@ fn revoke(robot: &mut SimulatedRobot<Plant>, name: &str) -> String {
 }
 
 /// Carries the robot to where it stood at first, heading forward; it goes on doing what it does.
-fn put_back(robot: &mut SimulatedRobot<Plant>) {
+fn put_back(robot: &mut SimulatedRobot) {
     let plant = robot.mechanics_mut();
     plant.displace([0.0; 3], -plant.body().yaw());
     let [x, y, _] = plant.body().position;
@@ -141,7 +140,7 @@ fn put_back(robot: &mut SimulatedRobot<Plant>) {
 const HELD: f64 = 1.0;
 
 /// Holds the robot over its start, and releases it; returns what happens.
-fn drop_from(robot: &mut SimulatedRobot<Plant>, stands: [f64; 3], height: &str) -> String {
+fn drop_from(robot: &mut SimulatedRobot, stands: [f64; 3], height: &str) -> String {
     if robot.mechanics().hangs() {
         return "The robot hangs: there is no floor.\n".to_owned();
     }
@@ -188,6 +187,7 @@ mod tests {
 
     use super::*;
     use flix_sim::model::RobotModel;
+    use flix_sim::plant::Plant;
     use flix_sim::rig::simulated::RobotParameters;
 
     #[test]

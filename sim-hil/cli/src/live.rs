@@ -11,7 +11,6 @@ use serde::Serialize;
 use flix_sim::model::RobotModel;
 use flix_sim::model::links::links;
 use flix_sim::model::urdf::urdf;
-use flix_sim::plant::Plant;
 use flix_sim::rig::simulated::SimulatedRobot;
 use flix_sim::view::FrameView;
 
@@ -64,7 +63,7 @@ impl Shown {
     ///
     /// # Errors
     /// When a number has no JSON form.
-    pub fn show(&mut self, robot: &SimulatedRobot<Plant>) -> Result<(), Error> {
+    pub fn show(&mut self, robot: &SimulatedRobot) -> Result<(), Error> {
         let now = robot.now();
         if now < self.next {
             return Ok(());

@@ -165,11 +165,7 @@ fn operators(args: &Args) -> Result<Operators, Error> {
     Ok(operators)
 }
 
-fn robot(
-    args: &Args,
-    model: &RobotModel,
-    operators: Operators,
-) -> Result<SimulatedRobot<Plant>, Error> {
+fn robot(args: &Args, model: &RobotModel, operators: Operators) -> Result<SimulatedRobot, Error> {
     let mut mechanics = Plant::new(model)?;
     if args.hang {
         require_walker(model)?;
@@ -231,11 +227,11 @@ fn natnet_option(address: SocketAddrV4) -> String {
 /// # Errors
 /// When the network fails or the model diverges.
 pub fn serve(
-    mut robot: SimulatedRobot<Plant>,
+    mut robot: SimulatedRobot,
     socket: &UdpSocket,
     mut cameras: Option<Cameras>,
     interrupt: &Interrupt,
-    mut attend: impl FnMut(&mut SimulatedRobot<Plant>) -> Result<(), Error>,
+    mut attend: impl FnMut(&mut SimulatedRobot) -> Result<(), Error>,
 ) -> Result<(), Error> {
     socket.set_nonblocking(true).map_err(ServeError::Network)?;
     let mut clock = RealTime::started();
@@ -291,7 +287,7 @@ impl Cameras {
     }
 
     /// Shows the robot by a clock of their own, which goes on while the robot's is put off.
-    fn show(&mut self, robot: &SimulatedRobot<Plant>, put_off: Duration) -> io::Result<()> {
+    fn show(&mut self, robot: &SimulatedRobot, put_off: Duration) -> io::Result<()> {
         let now = robot.now();
         self.server.serve(now)?;
         if now < self.next {
@@ -304,7 +300,7 @@ impl Cameras {
 }
 
 /// Sends what the robot has to say now.
-fn send_due(robot: &mut SimulatedRobot<Plant>, socket: &UdpSocket, frame: &mut Frame) {
+fn send_due(robot: &mut SimulatedRobot, socket: &UdpSocket, frame: &mut Frame) {
     while let Some(to) = robot.transmit(frame) {
         // A datagram that cannot be sent is a datagram lost: the session deals with it.
         let _ = socket.send_to(frame, to);

@@ -185,7 +185,7 @@ impl Network {
     }
 
     /// What it does each millisecond of the robot's.
-    fn attend(&mut self, robot: &SimulatedRobot<Plant>) {
+    fn attend(&mut self, robot: &SimulatedRobot) {
         let (now, truth) = (robot.now(), robot.truth());
         if !truth.is_slower_than(REST_HZ) {
             self.moved = now;
@@ -246,7 +246,7 @@ impl Next {
     const ADDRESS: (Ipv4Addr, u16) = (Ipv4Addr::LOCALHOST, 9);
 
     /// Tries once the robot had the time to come to rest.
-    fn attend(&mut self, robot: &mut SimulatedRobot<Plant>, intent: Instant) {
+    fn attend(&mut self, robot: &mut SimulatedRobot, intent: Instant) {
         let now = robot.now();
         if self.connected.is_some() || now.since(intent).as_secs_f64() < MOVEMENT_LIMIT_S {
             return;

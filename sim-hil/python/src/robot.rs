@@ -7,7 +7,6 @@ use flix_protocol::message::Command;
 use flix_protocol::units::Instant;
 use flix_sim::experiment::walk::Start;
 use flix_sim::model::RobotModel;
-use flix_sim::plant::Plant;
 use flix_sim::rig::bench::{bench_key, setpoint};
 use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::operation::{Operation, OperationError};
@@ -52,7 +51,7 @@ struct State {
 
 struct Session {
     // In a box, since its vectors are aligned more strictly than Python aligns its objects.
-    operation: Box<Operation<Plant>>,
+    operation: Box<Operation>,
     state: State,
 }
 
@@ -69,7 +68,7 @@ fn failed(error: impl std::fmt::Display) -> PyErr {
 }
 
 fn setting(
-    operation: &mut Operation<Plant>,
+    operation: &mut Operation,
     name: &str,
     value: Option<f32>,
 ) -> Result<f64, OperationError> {

@@ -35,7 +35,7 @@ pub struct Conditions {
 
 /// A run under way.
 pub struct Course<H> {
-    operation: Operation<Plant>,
+    operation: Operation,
     pilot: Pilot<H>,
     cameras: MotionCapture,
     pose_period: Duration,

@@ -9,7 +9,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::walk::{Start, WalkError};
 use crate::batch::{Batch, Precision};
 use crate::model::RobotModel;
-use crate::plant::{BodyState, Plant};
+use crate::plant::BodyState;
 use crate::rig::bench::{bench_key, setpoint};
 use crate::rig::lossy_network::ChannelParameters;
 use crate::rig::operation::Operation;
@@ -105,7 +105,7 @@ pub fn under_software(
     let plant = start.plant(model)?;
     let parameters = RobotParameters::of(&model.electrical, bench_key(), start.seed)?;
     let robot = SimulatedRobot::new(parameters, plant);
-    let mut operation: Operation<Plant> = Operation::new(robot, ChannelParameters::PERFECT);
+    let mut operation: Operation = Operation::new(robot, ChannelParameters::PERFECT);
     operation.arm()?;
     let (began, theta_rad) =
         (operation.robot.mechanics().body(), operation.robot.truth().direction);

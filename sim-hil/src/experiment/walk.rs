@@ -272,7 +272,7 @@ fn ideally(
 }
 
 fn by_firmware(
-    robot: SimulatedRobot<Plant>,
+    robot: SimulatedRobot,
     walk: &Walk,
     mut watch: impl FnMut(&Plant),
 ) -> Result<Walked, WalkError> {

@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::experiment::metrics::{Band, HoldMeter, StepMeter};
-use crate::plant::Plant;
 use crate::rig::bench::{BASES, Base, BenchError, DIRECTIONS, FREQUENCIES, Subject, setpoint};
 use crate::rig::operation::Operation;
 
@@ -160,7 +159,7 @@ pub fn hold_all_directions(
 
 /// As [`hold_all_directions`], by this operator.
 pub(super) fn hold_directions(
-    operation: &mut Operation<Plant>,
+    operation: &mut Operation,
     base: Base,
     frequency: f64,
 ) -> Result<Vec<HoldResult>, BenchError> {
@@ -197,7 +196,7 @@ pub fn measure_step(subject: &Subject, base: Base, step: Step) -> Result<StepRes
 
 /// As [`measure_step`], by this operator.
 pub(super) fn step_of(
-    operation: &mut Operation<Plant>,
+    operation: &mut Operation,
     base: Base,
     step: Step,
 ) -> Result<StepResult, BenchError> {

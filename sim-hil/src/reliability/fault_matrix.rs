@@ -17,7 +17,6 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::experiment::metrics::{HoldMeter, line_error};
-use crate::plant::Plant;
 use crate::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
 use crate::reliability::fault_cases::{CASES, Case, Cause, Promise, WIFI};
 use crate::rig::bench::{BASES, Base, BenchError, bench_of_board, learnt, setpoint};
@@ -204,7 +203,7 @@ impl Place<'_> {
         Xoshiro256PlusPlus::seed_from_u64(hash ^ self.seed)
     }
 
-    fn inject(&self, operation: &mut Operation<Plant>, now: Instant, seed: u64) {
+    fn inject(&self, operation: &mut Operation, now: Instant, seed: u64) {
         match self.case.cause {
             Cause::Link(network) => set_network(operation, network),
             Cause::Clock(rate) => operation.operators[0].clock.run_at(rate, now),
@@ -215,7 +214,7 @@ impl Place<'_> {
         }
     }
 
-    fn judge(&self, robot: &SimulatedRobot<Plant>, watch: &Watch, onset: Instant) -> Cell {
+    fn judge(&self, robot: &SimulatedRobot, watch: &Watch, onset: Instant) -> Cell {
         let report = robot.report();
         let figures = watch.hold.figures();
         let current_limit = f64::from(robot.software().slow.settings().current_limit);
@@ -260,7 +259,7 @@ impl Place<'_> {
     }
 }
 
-fn set_network(operation: &mut Operation<Plant>, network: ChannelParameters) {
+fn set_network(operation: &mut Operation, network: ChannelParameters) {
     for operator in &mut operation.operators {
         operator.to_robot.parameters = network;
         operator.to_operator.parameters = network;
@@ -291,7 +290,7 @@ impl Watch {
         }
     }
 
-    fn see(&mut self, robot: &SimulatedRobot<Plant>) {
+    fn see(&mut self, robot: &SimulatedRobot) {
         let truth = robot.truth();
         self.largest_current = self.largest_current.max(truth.largest_current());
         if truth.time >= self.settled {

@@ -13,7 +13,6 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::model::{RobotModel, Shaker};
-use crate::plant::Plant;
 use crate::plant::electronics::Electronics;
 use crate::rig::bench::{Base, BenchError, Subject};
 use crate::rig::operation::{Operation, OperationError};
@@ -146,7 +145,7 @@ impl Disturbance for Ammeter {
 /// A simulated robot, the largest current that any of its phases ever carried, and a host whose pauses last longer than asked.
 pub struct Watched {
     /// The robot and its operator.
-    pub operation: Operation<Plant>,
+    pub operation: Operation,
     /// From power-up on.
     pub largest_current: Ammeter,
     /// Of the host.
@@ -183,7 +182,7 @@ impl Watched {
     ///
     /// # Errors
     /// When it cannot be connected to.
-    pub fn of(operation: Operation<Plant>, seed: u64) -> Result<Self, BenchError> {
+    pub fn of(operation: Operation, seed: u64) -> Result<Self, BenchError> {
         let late = Xoshiro256PlusPlus::seed_from_u64(seed);
         let mut watched = Self { operation, largest_current: Ammeter::default(), late };
         watched.operation.robot.disturb(watched.largest_current.clone());

@@ -98,7 +98,7 @@ impl Subject {
     ///
     /// # Errors
     /// When the model is damaged.
-    pub fn on(&self, base: Base) -> Result<Operation<Plant>, ModelError> {
+    pub fn on(&self, base: Base) -> Result<Operation, ModelError> {
         match &self.model {
             None => bench(base, self.seed),
             Some(model) => bench_of(model, base, self.seed),
@@ -110,7 +110,7 @@ impl Subject {
 ///
 /// # Errors
 /// When the model is damaged.
-pub fn bench(base: Base, seed: u64) -> Result<Operation<Plant>, ModelError> {
+pub fn bench(base: Base, seed: u64) -> Result<Operation, ModelError> {
     bench_knowing(base, seed, None, ChannelParameters::QUIET_WIFI)
 }
 
@@ -123,7 +123,7 @@ pub fn bench_knowing(
     seed: u64,
     flash: Option<Vec<u8>>,
     network: ChannelParameters,
-) -> Result<Operation<Plant>, ModelError> {
+) -> Result<Operation, ModelError> {
     bench_of_board(base, true, seed, flash, network)
 }
 
@@ -137,7 +137,7 @@ pub fn bench_of_board(
     seed: u64,
     flash: Option<Vec<u8>>,
     network: ChannelParameters,
-) -> Result<Operation<Plant>, ModelError> {
+) -> Result<Operation, ModelError> {
     let mut model = RobotModel::named(base.model())?;
     model.electrical.sense.current = senses_current;
     operation(&model, seed, flash, network)
@@ -147,7 +147,7 @@ pub fn bench_of_board(
 ///
 /// # Errors
 /// When the model is damaged.
-fn bench_of(model: &RobotModel, base: Base, seed: u64) -> Result<Operation<Plant>, ModelError> {
+fn bench_of(model: &RobotModel, base: Base, seed: u64) -> Result<Operation, ModelError> {
     let stand = RobotModel::named(base.model())?.base;
     let on_stand = RobotModel { base: stand, legs: None, ..model.clone() };
     operation(&on_stand, seed, None, ChannelParameters::QUIET_WIFI)
@@ -164,7 +164,7 @@ fn operation(
     seed: u64,
     flash: Option<Vec<u8>>,
     network: ChannelParameters,
-) -> Result<Operation<Plant>, ModelError> {
+) -> Result<Operation, ModelError> {
     let parameters = RobotParameters::of(&model.electrical, bench_key(), seed)?;
     if flash.is_some() {
         parameters.flash.overwrite(flash);

@@ -12,7 +12,6 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::plant::Plant;
 use crate::plant::mechanics::multiply;
 use crate::rig::simulated::SimulatedRobot;
 
@@ -44,7 +43,7 @@ impl MotionCapture {
     }
 
     /// Measures the robot's pose.
-    pub fn measure(&mut self, robot: &SimulatedRobot<Plant>) -> Pose {
+    pub fn measure(&mut self, robot: &SimulatedRobot) -> Pose {
         let body = robot.mechanics().body();
         let mut noisy = |value: f64, sigma: f64| {
             let chance: f64 = StandardNormal.sample(&mut self.random);
@@ -56,7 +55,7 @@ impl MotionCapture {
     }
 
     /// Exposes one frame.
-    pub fn look(&mut self, now: Instant, robot: &SimulatedRobot<Plant>) {
+    pub fn look(&mut self, now: Instant, robot: &SimulatedRobot) {
         let pose = self.measure(robot);
         // The time of the sample is that of the exposure already.
         let picture = Some(Picture { exposed: now, sent: now, late: Duration::ZERO });

@@ -13,7 +13,7 @@ use flix_protocol::units::Instant;
 use rand::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::plant::{Diverged, Mechanics};
+use crate::plant::Diverged;
 use crate::rig::lossy_network::{Channel, ChannelParameters};
 use crate::rig::simulated::{SimulatedRobot, Truth};
 
@@ -81,10 +81,10 @@ impl Clock {
 }
 
 impl Operator {
-    fn exchange<M: Mechanics>(
+    fn exchange(
         &mut self,
         now: Instant,
-        robot: &mut SimulatedRobot<M>,
+        robot: &mut SimulatedRobot,
         overhear: &mut impl FnMut(Towards, &[u8]),
     ) {
         if !self.is_gone {
@@ -112,18 +112,18 @@ impl Operator {
 }
 
 /// Operators and a robot.
-pub struct Operation<M> {
+pub struct Operation {
     /// The robot.
-    pub robot: SimulatedRobot<M>,
+    pub robot: SimulatedRobot,
     /// Those who want to drive it; the first is who the methods here speak for.
     pub operators: Vec<Operator>,
     random: Xoshiro256PlusPlus,
 }
 
-impl<M: Mechanics> Operation<M> {
+impl Operation {
     /// Creates one operator, who begins to connect at once with the robot's key.
     #[must_use]
-    pub fn new(robot: SimulatedRobot<M>, network: ChannelParameters) -> Self {
+    pub fn new(robot: SimulatedRobot, network: ChannelParameters) -> Self {
         // Another stream than the plant's and the robot's own.
         let mut random = Xoshiro256PlusPlus::seed_from_u64(robot.parameters().seed);
         random.long_jump();
@@ -246,7 +246,7 @@ impl<M: Mechanics> Operation<M> {
 }
 
 /// The first operator's robot.
-impl<M: Mechanics> RobotLink for Operation<M> {
+impl RobotLink for Operation {
     type Error = OperationError;
 
     fn operate(&mut self) -> (&mut Client, Instant) {

@@ -22,7 +22,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::model::{Electrical, ModelError, SIMULATED_BOARD};
 use crate::plant::electronics::{Electronics, ElectronicsParameters};
-use crate::plant::{Diverged, Mechanics};
+use crate::plant::{Diverged, Mechanics, Plant};
 
 /// What a simulated robot is, besides its mechanics.
 #[derive(Clone)]
@@ -231,10 +231,10 @@ impl Truth {
 }
 
 /// The robot's own software on a simulated plant.
-pub struct SimulatedRobot<M> {
+pub struct SimulatedRobot {
     parameters: RobotParameters,
     software: Robot<Flash>,
-    mechanics: M,
+    mechanics: Plant,
     electronics: Electronics,
     disturbances: Vec<Box<dyn Disturbance + Send>>,
     actuation: Actuation,
@@ -248,10 +248,10 @@ pub struct SimulatedRobot<M> {
     entropy: Xoshiro256PlusPlus,
 }
 
-impl<M: Mechanics> SimulatedRobot<M> {
+impl SimulatedRobot {
     /// Creates the robot at power-up, on these mechanics.
     #[must_use]
-    pub fn new(parameters: RobotParameters, mechanics: M) -> Self {
+    pub fn new(parameters: RobotParameters, mechanics: Plant) -> Self {
         let mut entropy = Xoshiro256PlusPlus::from_seed(parameters.entropy);
         Self {
             software: power_up(&parameters, &mut entropy),
@@ -417,12 +417,12 @@ impl<M: Mechanics> SimulatedRobot<M> {
 
     /// Returns the mechanics.
     #[must_use]
-    pub fn mechanics(&self) -> &M {
+    pub fn mechanics(&self) -> &Plant {
         &self.mechanics
     }
 
     /// Returns the mechanics, to push.
-    pub fn mechanics_mut(&mut self) -> &mut M {
+    pub fn mechanics_mut(&mut self) -> &mut Plant {
         &mut self.mechanics
     }
 

@@ -74,7 +74,7 @@ impl Operator {
 
 /// A robot and one operator.
 pub(crate) struct Bench {
-    pub(crate) robot: SimulatedRobot<Plant>,
+    pub(crate) robot: SimulatedRobot,
     pub(crate) operator: Operator,
 }
 

@@ -111,7 +111,7 @@ struct Tracking {
 
 /// A robot, its operator and the floor.
 pub struct World {
-    operation: Operation<Plant>,
+    operation: Operation,
     cockpit: Cockpit,
     pages: Pages,
     news: News,

@@ -17,7 +17,6 @@ use flix_protocol::units::{Instant, OutOfRange};
 
 use super::attacker::Attacker;
 use super::kind::{FORGERIES, Kind};
-use crate::plant::Plant;
 use crate::rig::bench::{Base, BenchError, bench_knowing, setpoint};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
 use crate::rig::lossy_network::ChannelParameters;
@@ -79,7 +78,7 @@ struct Divergence {
 }
 
 impl Divergence {
-    fn between(attacked: &Operation<Plant>, calm: &Operation<Plant>) -> Self {
+    fn between(attacked: &Operation, calm: &Operation) -> Self {
         let (attacked, calm) = (&attacked.robot, &calm.robot);
         let obeyed = attacked.software().slow.link.asked() != calm.software().slow.link.asked()
             || attacked.operator() != calm.operator()
@@ -92,8 +91,8 @@ impl Divergence {
 /// A robot under attack, its twin, and the attacker.
 pub(super) struct Scenario {
     turn: Turn,
-    attacked: Operation<Plant>,
-    calm: Operation<Plant>,
+    attacked: Operation,
+    calm: Operation,
     attacker: Attacker,
 }
 
@@ -197,9 +196,9 @@ impl Scenario {
 }
 
 /// What a session of one second says to the robot, and a stop from outside before it.
-fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, BenchError> {
+fn overhear_session(operation: &mut Operation) -> Result<Vec<Vec<u8>>, BenchError> {
     let mut heard = Vec::new();
-    let mut overhear = |operation: &mut Operation<Plant>, until: Instant| {
+    let mut overhear = |operation: &mut Operation, until: Instant| {
         while operation.now() < until {
             operation.tick_overheard(|towards, datagram| {
                 if towards == Towards::Robot {
@@ -232,7 +231,7 @@ fn overhear_session(operation: &mut Operation<Plant>) -> Result<Vec<Vec<u8>>, Be
 
 /// What the operator, and fate, do in this tick of a scenario.
 fn script(
-    operation: &mut Operation<Plant>,
+    operation: &mut Operation,
     tick: u64,
     turn: Turn,
     start: Instant,

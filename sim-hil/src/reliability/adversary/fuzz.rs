@@ -13,7 +13,6 @@ use rand::RngExt;
 use super::attacker::{Attacker, LONGEST};
 use super::forgery::NETWORK;
 use super::kind::Kind;
-use crate::plant::Plant;
 use crate::rig::bench::{Base, bench_knowing};
 use crate::rig::operation::Operation;
 
@@ -49,7 +48,7 @@ struct Fuzzer {
 }
 
 impl Fuzzer {
-    fn new(seed: u64, operation: &Operation<Plant>) -> Self {
+    fn new(seed: u64, operation: &Operation) -> Self {
         let now = operation.now();
         Self {
             attacker: Attacker::new(seed, Vec::new(), Vec::new()),
@@ -68,7 +67,7 @@ impl Fuzzer {
         if input.is_empty() { vec![0] } else { input }
     }
 
-    fn feed(&mut self, operation: &mut Operation<Plant>, input: &[u8]) {
+    fn feed(&mut self, operation: &mut Operation, input: &[u8]) {
         let now = operation.now();
         let _ = Datagram::parse(input);
         let _ = unreadable(input);
@@ -84,7 +83,7 @@ impl Fuzzer {
     }
 
     /// Takes the session now and then, as its holder may at any time, and says these bytes in it.
-    fn misuse_the_key(&mut self, operation: &mut Operation<Plant>, now: Instant, input: &[u8]) {
+    fn misuse_the_key(&mut self, operation: &mut Operation, now: Instant, input: &[u8]) {
         if self.attacker.random.random::<f64>() < 0.001 {
             self.insider.connect(now);
         }

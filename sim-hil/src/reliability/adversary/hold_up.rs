@@ -22,7 +22,6 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::forgery::{NETWORK, TICKS_PER_MS};
 use super::kind::Kind;
-use crate::plant::Plant;
 use crate::reliability::fault_matrix::REST_HZ;
 use crate::rig::bench::{Base, BenchError, bench_knowing, setpoint};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
@@ -208,7 +207,7 @@ pub(super) fn drive(client: &mut Client, now: Instant, wanted: Setpoint, changes
 }
 
 struct Life {
-    operation: Operation<Plant>,
+    operation: Operation,
     random: Xoshiro256PlusPlus,
     /// All that was ever sent to the robot.
     recorded: Vec<Vec<u8>>,

@@ -29,7 +29,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::forgery::NETWORK;
 use super::hold_up::{LOOK, drive};
 use super::kind::{INTRUSIONS, Kind};
-use crate::plant::{Diverged, Plant};
+use crate::plant::Diverged;
 use crate::reliability::fault_matrix::REST_HZ;
 use crate::rig::bench::{Base, BenchError, bench_key, bench_knowing, setpoint};
 use crate::rig::network_task::{
@@ -182,7 +182,7 @@ fn run(
 }
 
 /// The simulated robot behind the network task.
-struct OnNetwork<'a>(&'a RefCell<SimulatedRobot<Plant>>);
+struct OnNetwork<'a>(&'a RefCell<SimulatedRobot>);
 
 impl Station for OnNetwork<'_> {
     fn now(&self) -> Instant {
@@ -307,7 +307,7 @@ async fn send(socket: &UdpSocket<'_>, datagram: &[u8]) {
 
 /// One robot from power-up until it is at rest again.
 struct Session<'a> {
-    robot: &'a RefCell<SimulatedRobot<Plant>>,
+    robot: &'a RefCell<SimulatedRobot>,
     divergence: &'a Cell<Option<Diverged>>,
     departure: Departure,
     wanted: Setpoint,

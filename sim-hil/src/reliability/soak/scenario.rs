@@ -11,7 +11,6 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::watch::{Account, Rule, Watch};
 use crate::experiment::metrics::line_error;
-use crate::plant::Plant;
 use crate::rig::bench::{BASES, BenchError, bench_knowing, learnt, setpoint};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
 use crate::rig::lossy_network::{Bursts, ChannelParameters};
@@ -27,7 +26,7 @@ const PACE: f64 = 0.25;
 
 /// One robot, those who want it, and all that goes wrong with it.
 pub(super) struct Scenario {
-    operation: Operation<Plant>,
+    operation: Operation,
     random: Xoshiro256PlusPlus,
     seed: u64,
     watch: Watch,

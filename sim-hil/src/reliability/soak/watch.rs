@@ -8,7 +8,6 @@ use flix_protocol::session::HOLDER_SILENCE;
 use flix_protocol::units::Instant;
 use serde::Serialize;
 
-use crate::plant::Plant;
 use crate::reliability::fault_matrix::{REST_HZ, REST_LIMIT_S};
 use crate::rig::hardware_fault::HardwareFault;
 use crate::rig::operation::{Operation, Operator};
@@ -129,7 +128,7 @@ impl Watch {
 
     pub(super) fn see(
         &mut self,
-        operation: &mut Operation<Plant>,
+        operation: &mut Operation,
         breakage: Option<(HardwareFault, Instant)>,
         account: &mut Account,
     ) {
@@ -176,7 +175,7 @@ impl Watch {
 
     fn current(
         &mut self,
-        operation: &Operation<Plant>,
+        operation: &Operation,
         truth: &Truth,
         breakage: Option<(HardwareFault, Instant)>,
         account: &mut Account,
@@ -204,7 +203,7 @@ impl Watch {
         self.now.since(since) > TRIP_TIME
     }
 
-    fn spins_disarmed(&mut self, operation: &Operation<Plant>, truth: &Truth) -> bool {
+    fn spins_disarmed(&mut self, operation: &Operation, truth: &Truth) -> bool {
         let robot = &operation.robot;
         let is_off = matches!(robot.report().state, State::Disarmed | State::Faulted)
             && robot.processor() <= Processor::IsDeaf;
@@ -216,7 +215,7 @@ impl Watch {
         self.now.since(since).as_secs_f64() > REST_LIMIT_S
     }
 
-    fn two_operators(&mut self, operation: &Operation<Plant>) -> bool {
+    fn two_operators(&mut self, operation: &Operation) -> bool {
         let holder = operation.robot.operator();
         let silence = core::mem::replace(
             &mut self.silence,
@@ -241,7 +240,7 @@ impl Watch {
         (is_taken && is_robbed) || holder == Some(stranger)
     }
 
-    fn stuck_state(&mut self, operation: &Operation<Plant>) -> bool {
+    fn stuck_state(&mut self, operation: &Operation) -> bool {
         let state = operation.robot.report().state;
         if state != self.state.0 || operation.robot.processor() > Processor::IsDeaf {
             self.state = (state, self.now);
@@ -255,7 +254,7 @@ impl Watch {
     }
 }
 
-fn amperes_per_count(operation: &Operation<Plant>) -> f64 {
+fn amperes_per_count(operation: &Operation) -> f64 {
     let hardware = &operation.robot.parameters().electronics.hardware;
     hardware.current_sense.map_or(0.0, |sense| f64::from(sense.microamperes_per_count) * 1e-6)
 }

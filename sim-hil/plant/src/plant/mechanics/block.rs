@@ -138,17 +138,53 @@ pub struct Block<B> {
     arch: pulp::Arch,
 }
 
-/// Steps, compiled once for every vector unit that the machine may have.
+/// Numbers of a vector of 128 bits or two: as many robots as a block may have on every machine. Code for more of them by
+/// vectors of that size is several times as long and takes as much longer to compile.
+const SHORT_BLOCK: usize = 4;
+
+/// Returns whether a vector of these has the 256 bits that blocks of eight and sixteen robots are made for.
+const fn is_long<S: pulp::Simd>() -> bool {
+    S::F64_LANES >= SHORT_BLOCK
+}
+
+struct LongVectors;
+
+impl pulp::WithSimd for LongVectors {
+    type Output = bool;
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> bool {
+        const { is_long::<S>() }
+    }
+}
+
+/// Returns whether this machine has vectors of 256 bits or more, and so takes blocks of more than four robots.
+#[must_use]
+pub fn has_long_vectors() -> bool {
+    pulp::Arch::new().dispatch(LongVectors)
+}
+
+/// Steps, compiled for every vector unit that the machine may have.
 struct Steps<'a, B> {
     block: &'a mut Block<B>,
     steps: usize,
     step: B,
 }
 
-impl<B: Lane> pulp::NullaryFnOnce for Steps<'_, B> {
+impl<B: Lane> pulp::WithSimd for Steps<'_, B> {
     type Output = ();
     #[inline(always)]
-    fn call(self) {
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        if const { is_long::<S>() } {
+            self.take();
+        } else {
+            unreachable!("a block of many robots on a machine of short vectors");
+        }
+    }
+}
+
+impl<B: Lane> Steps<'_, B> {
+    #[inline(always)]
+    fn take(self) {
         let Block { constants, state, scratch, sane, steps, .. } = self.block;
         let (none, one) = (B::splat(0.0), B::splat(1.0));
         for _ in 0..self.steps {
@@ -190,7 +226,11 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
     ///
     /// # Errors
     /// If the model is refused or cannot walk ([`RobotModel::check_walker`]).
+    ///
+    /// # Panics
+    /// If a block of so many robots wants a machine with longer vectors ([`has_long_vectors`]).
     pub fn new(model: &RobotModel, plant: &Plant) -> Result<Self, ModelError> {
+        assert!(B::LANES <= SHORT_BLOCK || has_long_vectors(), "{} robots at once", B::LANES);
         model.check_walker()?;
         let plain = build::constants(model);
         let (state, seat) = seated(plant);
@@ -402,7 +442,12 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
         while left > 0 {
             let now = left.min(self.at_once());
             self.follow_courses(now);
-            arch.dispatch(Steps { block: self, steps: now, step: B::splat(step) });
+            let steps = Steps { block: self, steps: now, step: B::splat(step) };
+            if const { B::LANES > SHORT_BLOCK } {
+                arch.dispatch(steps);
+            } else {
+                steps.take();
+            }
             self.look(now);
             left -= now;
         }

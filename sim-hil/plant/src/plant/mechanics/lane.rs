@@ -1,9 +1,9 @@
 //! Numbers that may be several numbers.
 //!
 //! The dynamics are written once over [`Lane`]. With `f64` they serve one body; with [`Quad`] one robot's four legs go
-//! side by side; with [`Double`] and [`Single`] eight or sixteen robots do. Every lane sees the same operations in the
-//! same order, with no fused multiply-add and no library transcendentals, so that a lane's result is the same bits on
-//! every machine and in every company.
+//! side by side; with [`Double`] and [`Single`] eight or sixteen robots do, on machines of short vectors four with [`Quad`] and
+//! [`ShortQuad`]. Every lane sees the same operations in the same order, with no fused multiply-add and no library
+//! transcendentals, so that a lane's result is the same bits on every machine and in every company.
 
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
@@ -247,8 +247,12 @@ macro_rules! side_by_side {
 }
 
 side_by_side! {
-    /// Four `f64`: the legs of a robot.
+    /// Four `f64`: the legs of a robot, or four robots.
     Quad: f64, align 32, rounder ROUNDER, half_pi HALF_PI, 0 1 2 3
+}
+side_by_side! {
+    /// Four `f32`: four robots.
+    ShortQuad: f32, align 16, rounder SHORT_ROUNDER, half_pi SHORT_HALF_PI, 0 1 2 3
 }
 side_by_side! {
     /// Eight `f64`: eight robots.

@@ -40,7 +40,7 @@ mod pack;
 mod plant;
 mod system;
 
-pub use block::{Block, Clock, Kept, Robots};
+pub use block::{Block, Clock, Kept, Robots, has_long_vectors};
 pub use body::{BodyState, Wrench};
 pub use build::reference_contact;
 pub use cords::Cords;

@@ -1,6 +1,6 @@
 //! Single robots into lanes and out again.
 
-use super::lane::{Double, Lane, Quad, Single};
+use super::lane::{Double, Lane, Quad, ShortQuad, Single};
 use super::leg::{ContactLaw, Foot, LegModel, LegState};
 use super::spatial::{Mat3, RigidInertia, Spatial, Sym3, Vec3};
 use super::system::{Rotor, Several};
@@ -51,7 +51,7 @@ macro_rules! pack_number {
         }
     )+};
 }
-pack_number!(f64, Quad, Double, Single);
+pack_number!(f64, Quad, ShortQuad, Double, Single);
 
 impl<P: Pack, const N: usize> Pack for [P; N] {
     type Single = [P::Single; N];
