@@ -12,17 +12,17 @@
 //!
 //! | module | what it does |
 //! |---|---|
+//! | [`provision`] | takes name, network and key over the serial port |
 //! | [`robot`] | puts the two halves together |
 //! | `net`, `neighbours`, `mdns` | carry datagrams between an embassy-net stack and the slow half (feature `net`) |
 //! | [`link`] | authenticates operators, answers commands, sends telemetry and events |
-//! | [`provision`] | takes name, network and key over the serial port |
-//! | [`fast::exchange`] | hands what is asked and configurations to the fast half, reports to the slow half |
-//! | [`fast`] | decides the duties, 10,000 times a second, in integers alone |
-//! | [`settings`] | names, checks and stores what can be tuned |
 //! | [`blackbox`] | keeps the last fault and panic over a restart |
+//! | [`fast`] | decides the duties, 10,000 times a second, in integers alone; takes and reports by [`fast::exchange`] |
+//! | [`settings`] | names, checks and stores what can be tuned |
+//! | [`scope`] | captures inner values of the fast loop |
 //! | [`backtrace`] | finds the calls that led to a panic on a stack |
-//! | [`stored`] | keeps values over power-off, with version and check sum |
 //! | [`board`] | describes boards and encoders as data, and keeps settings in flash |
+//! | [`stored`] | keeps values over power-off, with version and check sum |
 //! | [`hardware`] | defines what crosses the border in each tick |
 //!
 //! [`trace`] records ticks, to compare them on another processor.

@@ -1,7 +1,8 @@
 //! The references of f and theta: what is asked, ramped.
 //!
-//! f changes along a ramp whose slope builds up and whose end is approached exponentially. Theta turns the short way: it is ramped as twice
-//! theta, which wraps with one turn, as the line of force repeats every half turn of theta. The simulator's ideal drive follows the same references.
+//! f changes along a ramp whose slope builds up and whose end is approached exponentially. Theta turns the short way: it is ramped
+//! as twice theta, which wraps with one turn, as the line of force repeats every half turn of theta. The simulator's ideal drive
+//! follows the same references.
 
 use flix_protocol::failsafe::SLOWEST_RAMP;
 use serde::{Deserialize, Serialize};

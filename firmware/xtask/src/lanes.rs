@@ -2,7 +2,8 @@
 //!
 //! A lane is a check that an ordinary change cannot break: other targets, the wheel, the emulated chip. The list
 //! `.ci/lanes.toml` names its command, the packages and files that it depends on, and its last green run. A lane is due when
-//! something of that differs from the commit of its last green run: a file, its own entry, or the version of a package from elsewhere.
+//! something of that differs from the commit of its last green run: a file, its own entry, or the version of a package from
+//! elsewhere.
 
 mod due;
 mod list;

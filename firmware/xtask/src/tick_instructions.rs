@@ -1,4 +1,5 @@
-//! `cargo xtask pil`, processor in the loop: the instructions of each tick and its bits. It runs the fast half on an emulated processor, RV32IMAC or Xtensa, against a trace from the simulator.
+//! `cargo xtask pil`, processor in the loop: the instructions of each tick and its bits. It runs the fast half on an emulated
+//! processor, RV32IMAC or Xtensa, against a trace from the simulator.
 //!
 //! Xtensa is emulated twice: by QEMU, whose cores are not the ESP32's, and by our own core (`sim-hil/chip/lx6`), which counts an
 //! LX6's cycles. `--beside` lets both execute the same image and compares all registers after each instruction of the fast loop.

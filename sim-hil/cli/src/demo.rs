@@ -9,7 +9,7 @@ use flix_shell::number::whole;
 use super::error::Error;
 use super::output::{headings, mark, print, progress, row, table};
 use super::track;
-use flix_sim::experiment::demonstration::{Demonstration, ROW, Row, near, scenes};
+use flix_sim::reliability::demonstration::{Demonstration, ROW, Row, near, scenes};
 use flix_sim::reliability::accuracy::{
     ACROSS_LIMIT, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, SETTLE_LIMIT_S,
 };

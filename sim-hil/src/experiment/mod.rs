@@ -1,7 +1,6 @@
 //! Experiments: what is asked of one robot, and how the answer is measured.
 
 pub mod course;
-pub mod demonstration;
 pub mod metrics;
 pub mod probe;
 pub mod random_sequences;

@@ -8,6 +8,8 @@ pub mod adversary;
 pub mod commission;
 #[cfg(not(target_family = "wasm"))]
 pub mod commissioned_accuracy;
+#[cfg(not(target_family = "wasm"))]
+pub mod demonstration;
 pub mod fault_cases;
 #[cfg(not(target_family = "wasm"))]
 pub mod fault_matrix;
