@@ -17,6 +17,11 @@ def is_whole(value: Any) -> bool:
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
+def refuse_less_than_one(name: str, count: Any) -> None:
+    if not is_whole(count) or count < 1:
+        raise ValueError(f"{name} is {count!r}: choose a whole number, 1 or more")
+
+
 def _stranger(values: Any) -> str | None:
     """Return what a list, or one in it, holds that numpy takes for numbers: true for 1, bytes, what is masked."""
     if np.ma.is_masked(values):

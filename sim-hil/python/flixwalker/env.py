@@ -6,7 +6,6 @@ Every quarter of a second the agent sees where the robot is and how it moved, an
 from __future__ import annotations
 
 import copy
-import operator
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -128,8 +127,7 @@ class FlixWalkerVectorEnv(VectorEnv):
             raise ValueError(f'actions is {actions!r}: choose "pair" or "modes"')
         if render_mode not in (None, "html"):
             raise ValueError(f'render_mode is {render_mode!r}: choose "html" or none')
-        if not _arguments.is_whole(num_envs) or num_envs < 1:
-            raise ValueError(f"num_envs is {num_envs!r}: choose 1 or more")
+        _arguments.refuse_less_than_one("num_envs", num_envs)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.task = task
@@ -169,8 +167,7 @@ class FlixWalkerVectorEnv(VectorEnv):
             raise ValueError(f"seconds is {seconds}: choose more than 0")
         if max_episode_steps is None:
             max_episode_steps = max(1, round(seconds / interval))
-        if isinstance(max_episode_steps, bool) or operator.index(max_episode_steps) < 1:
-            raise ValueError(f"max_episode_steps is {max_episode_steps}: choose 1 or more")
+        _arguments.refuse_less_than_one("max_episode_steps", max_episode_steps)
         self.limit = max_episode_steps
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}

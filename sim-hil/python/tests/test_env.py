@@ -91,8 +91,8 @@ def test_an_episode_that_is_over_goes_on_as_in_gymnasiums_own_vectors(mode: Auto
     assert (reward == 0.0).all() == (mode is AutoresetMode.NEXT_STEP)
 
 
-@pytest.mark.parametrize("steps", [0, -1, True])
-def test_an_episode_without_a_step_is_refused(steps: int) -> None:
+@pytest.mark.parametrize("steps", [0, -1, True, 2.5])
+def test_an_episode_without_a_step_is_refused(steps: float) -> None:
     with pytest.raises(ValueError, match="max_episode_steps is"):
         FlixWalkerVectorEnv(1, max_episode_steps=steps)
 
