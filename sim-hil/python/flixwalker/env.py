@@ -31,6 +31,8 @@ GRAVITY = 9.81
 FASTEST_M_S = 0.3
 #: Places of the path that are as near as this are equally near, and a robot that trembles by that has not walked back, m.
 ALIKE_M, TREMBLING_M = 1.5e-3, 5e-3
+#: The way along a path is at most this share of what was walked, for who cuts its bends, and so much more, m, at its tips.
+INSIDE, CREDIT_M = 1.5, 0.03
 #: So far along the path, or as far as the fastest robot comes, another stretch is looked at beside this one, m.
 BESIDE_M = 0.15
 #: A robot pulls the point whose way is paid on a thread as long as this, m: a body that trembles pulls nothing.
@@ -80,8 +82,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         1.58)}``. A tuple of paths shares one draw.
     path
         (k, 2) in m, closed; an 8 of half a metre if none is given. As long as four intervals of the fastest walk, 0.3 m/s, at
-        least. The robot's place on it is looked for within one of these, or 150 mm, of the last one: crossings and lanes are
-        no short cuts.
+        least. The robot's place on it is looked for within one of these, or 150 mm, of the last one; a place further along than
+        it has walked, by a short cut, is not paid for.
     seconds, max_episode_steps
         Length of an episode, s, or in actions, which counts where it is given. `gymnasium.make` keeps a `max_episode_steps`
         to itself, so that it can shorten an episode and no more: give it `seconds`. `make_vec` passes both on.
@@ -101,7 +103,7 @@ class FlixWalkerVectorEnv(VectorEnv):
 
     metadata = {"render_modes": ["html"], "autoreset_mode": AutoresetMode.NEXT_STEP}
     #: What changes, beside the batch.
-    _LASTING: tuple[str, ...] = ("weight", "steps", "done", "place", "behind", "motion", "anchor", "billed")
+    _LASTING: tuple[str, ...] = ("weight", "steps", "done", "place", "behind", "credit", "owed", "motion", "anchor", "billed")
     #: The same, once it was reset.
     _RANDOM = ("random", "_np_random", "_np_random_seed")
 
@@ -187,6 +189,10 @@ class FlixWalkerVectorEnv(VectorEnv):
         self.place = np.zeros(num_envs, dtype=np.int64)
         #: How far behind the farthest place that it trembles about, m.
         self.behind = np.zeros(num_envs)
+        #: How much way along the path it may yet be paid for what it has walked, m.
+        self.credit = np.zeros(num_envs)
+        #: Way along the path that waits for that, m.
+        self.owed = np.zeros(num_envs)
         self.motion = np.zeros((num_envs, 3))
         self.anchor = np.zeros((num_envs, 2))
         self.billed = np.zeros(num_envs)
@@ -242,7 +248,9 @@ class FlixWalkerVectorEnv(VectorEnv):
             if len(seeds) != self.num_envs:
                 raise ValueError(f"{len(seeds)} seeds for {self.num_envs} robots: give one, or one a robot")
             for robot in np.flatnonzero(mask):
-                random[robot] = np.random.default_rng(seeds[robot])
+                # Who is given none goes on with its own.
+                if seeds[robot] is not None:
+                    random[robot] = np.random.default_rng(seeds[robot])
             if mask[0] and seeds[0] is not None:
                 first = seeds[0]
         self._begin(np.flatnonzero(mask), random)
@@ -309,6 +317,13 @@ class FlixWalkerVectorEnv(VectorEnv):
         state = copy.deepcopy(dict(state))
         if state.pop("made") != self._made():
             raise ValueError("this state is of an environment that was made otherwise: give both the same parameters")
+        for name in self._LASTING:
+            own = getattr(self, name)
+            if not isinstance(state[name], np.ndarray) or (state[name].shape, state[name].dtype) != (own.shape, own.dtype):
+                raise ValueError(f"{name} of this state was changed: give what get_state returned")
+        generators = state.get("random", self.num_envs * [np.random.default_rng(0)])
+        if not isinstance(generators, list) or [type(it) for it in generators] != self.num_envs * [np.random.Generator]:
+            raise ValueError("random of this state was changed: give what get_state returned")
         self.batch.set_state(state.pop("batch"))
         for name in self._RANDOM:
             vars(self).pop(name, None)
@@ -407,6 +422,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         self.done[robots] = False
         self.place[robots] = 0
         self.behind[robots] = 0.0
+        self.credit[robots] = CREDIT_M
+        self.owed[robots] = 0.0
         self.motion[robots] = 0.0
         self.anchor[robots] = self.batch.position[robots, :2]
         self.billed[robots] = self.batch.energy[robots]
@@ -436,33 +453,45 @@ class FlixWalkerVectorEnv(VectorEnv):
             way = self._follow()
             return way - OFF_PATH * self.interval * np.hypot(*(now - self.places[self.place]).T)
         if self.task == "home":
-            before, self.anchor = self.anchor, now.copy()
-            return np.hypot(*before.T) - np.hypot(*now.T)
+            return -np.diff(np.hypot(*self._moved().transpose(2, 0, 1)))[:, 0]
         gap = now - self.anchor
         far = np.hypot(*gap.T)
         way = np.maximum(far - THREAD_M, 0.0)
         self.anchor += gap * (way / np.maximum(far, THREAD_M))[:, None]
         return way if self.task == "speed" else way - ENERGY_SHARE * energy / self.weight
 
+    def _moved(self) -> np.ndarray:
+        """Return from where to where the robots have gone since the last call, (n, 2, 2) in m."""
+        before, self.anchor = self.anchor, self.batch.position[:, :2].copy()
+        return np.stack([before, self.anchor], axis=1)
+
     def _follow(self) -> np.ndarray:
         """Take the nearest place near the last one, and return the way from that to it, m, forward along the path.
 
         Where the path turns back on itself, or passes by itself, places of several stretches are equally near: the next one
-        counts, and rather one ahead than one behind. So who turned at a tip, or just before it, is on the way back.
+        counts that the robot can have walked to, and rather one ahead than one behind. So who turned at a tip, or just before
+        it, is on the way back. Way that is much longer than what was walked waits until the robot has walked on, 150 mm of it at most.
         """
+        before, now = self._moved().swapaxes(0, 1)
+        credit = self.credit + INSIDE * np.hypot(*(now - before).T)
         candidates = (self.place[:, None] + self.around) % len(self.places)
-        gap = self.places[candidates] - self.batch.position[:, None, :2]
+        gap = self.places[candidates] - now[:, None]
         off = np.hypot(gap[..., 0], gap[..., 1])
         beside = np.pad(off, ((0, 0), (1, 1)), constant_values=np.inf)
         is_near = (off <= beside[:, :-2]) & (off <= beside[:, 2:]) & (off <= off.min(axis=1, keepdims=True) + ALIKE_M)
         way = self.spacing * self.around
         behind = np.minimum(self.behind[:, None] + way, 0.0)
         rank = np.abs(way) + np.where(behind < -TREMBLING_M, self.reach, 0.5 * self.spacing * (way < 0.0))
+        rank += np.where(np.abs(way) > credit[:, None], 2.0 * way[-1], 0.0)
         best = np.arange(self.num_envs), np.where(is_near, rank, np.inf).argmin(axis=1)
         # Who has walked back further than that begins to tremble there.
         self.behind = np.where(behind[best] < -TREMBLING_M, 0.0, behind[best])
         self.place = candidates[best]
-        return way[best[1]]
+        owed = self.owed + way[best[1]]
+        paid = np.clip(owed, -credit, credit)
+        self.owed = np.clip(owed - paid, -BESIDE_M, BESIDE_M)
+        self.credit = np.minimum(credit - np.abs(paid), CREDIT_M)
+        return paid
 
     def _observe(self) -> np.ndarray:
         at, yaw = self.batch.position[:, :2], self.batch.yaw
@@ -493,12 +522,18 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
         """Put the robot to a new start."""
         if isinstance(seed, bool):
             raise ValueError(f"seed is {seed}: give a whole number")
-        super().reset(seed=seed)
-        if seed is not None or self._drawn_from is None or self._np_random is not self._drawn_from:
-            seen, _ = self.many.reset(seed=[int(self.np_random.integers(2**63))])
-            self._drawn_from = self._np_random
-        else:
-            seen, _ = self.many.reset()
+        before = self._np_random, self._np_random_seed
+        try:
+            super().reset(seed=seed)
+            if seed is not None or self._drawn_from is None or self._np_random is not self._drawn_from:
+                seen, _ = self.many.reset(seed=[int(self.np_random.integers(2**63))])
+            else:
+                seen, _ = self.many.reset()
+        except BaseException:
+            # What was before stays where it is refused.
+            self._np_random, self._np_random_seed = before
+            raise
+        self._drawn_from = self._np_random
         return seen[0], {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -516,15 +551,16 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
 
     def get_state(self) -> dict[str, Any]:
         """Return robot, episode and random numbers, for `set_state` of an environment that was made alike."""
-        is_drawn_from = self._np_random is self._drawn_from
-        return self.many.get_state() | {"seeds": (copy.deepcopy(self._np_random), is_drawn_from)}
+        seeds = self._np_random, self._np_random_seed, self._np_random is self._drawn_from
+        return self.many.get_state() | {"seeds": copy.deepcopy(seeds)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
-        if not isinstance(state, Mapping) or "seeds" not in state:
+        seeds = state.get("seeds") if isinstance(state, Mapping) else None
+        if not isinstance(seeds, tuple) or len(seeds) != 3:
             raise ValueError("this is no state of one robot's environment: give what its get_state returned")
         self.many.set_state({name: value for name, value in state.items() if name != "seeds"})
-        self._np_random, is_drawn_from = copy.deepcopy(state["seeds"])
+        self._np_random, self._np_random_seed, is_drawn_from = copy.deepcopy(seeds)
         self._drawn_from = self._np_random if is_drawn_from else None
 
     def render(self) -> str | None:

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import flixwalker
-from flixwalker.env import TASKS, FlixWalkerPathVectorEnv, FlixWalkerVectorEnv
+from flixwalker.env import TASKS, FlixWalkerEnv, FlixWalkerPathVectorEnv, FlixWalkerVectorEnv
 
 SHORT = {"seconds": 0.5, "interval": 0.05, "step": 2.5e-4}
 
@@ -370,6 +370,42 @@ def test_lanes_are_crossed_without_pay(version: type[FlixWalkerVectorEnv]) -> No
     assert follow(envs, np.vstack([np.column_stack([np.arange(0, 0.5, 0.01), np.zeros(50)]), across])) < 0.6
 
 
+def turns(radius: float, angle: np.ndarray) -> np.ndarray:
+    """Return points of a circle through the origin."""
+    return radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
+
+
+@pytest.mark.parametrize("version", [FlixWalkerPathVectorEnv, FlixWalkerVectorEnv])
+@pytest.mark.parametrize(("radius", "laps", "interval"), [(0.03, 7, 1.0), (0.045, 5, 1.0), (0.01, 6, 0.25), (0.0115, 6, 0.25)])
+def test_a_path_of_many_turns_at_one_place_is_no_treadmill(
+    version: type[FlixWalkerVectorEnv], radius: float, laps: int, interval: float
+) -> None:
+    path = turns(radius, np.linspace(0, 2 * np.pi * laps, 60 * laps, endpoint=False))
+    envs = version(1, path=path, interval=interval, threads=1)
+    for stride in (0.003, 0.01):
+        envs.reset(seed=1)
+        assert follow(envs, turns(radius, -np.arange(0.0, 1.0, stride)[1:] / radius)) == pytest.approx(-1.0, abs=0.03)
+    envs.reset(seed=1)
+    assert abs(follow(envs, turns(radius, np.tile([0, 4, 8, 12, 8, 4], 50) * 1e-3 / radius))) < 0.02
+    envs.reset(seed=1)
+    assert abs(follow(envs, np.random.default_rng(1).normal(0.0, 0.002, (300, 2)))) < 0.02
+
+
+@pytest.mark.parametrize(("lane", "gap", "interval"), [(0.14, 0.02, 0.25), (0.06, 0.01, 0.25), (0.3, 0.02, 1.0)])
+@pytest.mark.parametrize("stride", [0.002, 0.005, 0.02])
+@pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.8])
+def test_who_cuts_across_short_lanes_is_paid_for_little_more_than_he_walks(
+    lane: float, gap: float, interval: float, stride: float, share: float
+) -> None:
+    lanes = [[[0, gap * i], [lane, gap * i]][:: 1 if i % 2 == 0 else -1] for i in range(40)]
+    envs = FlixWalkerVectorEnv(1, path=np.concatenate(lanes), interval=interval, threads=1)
+    envs.reset(seed=1)
+    out = np.arange(0.0, share * lane, 0.004)
+    follow(envs, np.column_stack([out, np.zeros_like(out)]))
+    across = np.arange(0.0, 39 * gap, stride)
+    assert follow(envs, np.column_stack([np.full_like(across, share * lane), across])) < 1.5 * 39 * gap + 0.05
+
+
 def test_generators_that_are_set_for_many_draw_their_starts() -> None:
     starts = []
     for _ in range(2):
@@ -570,3 +606,49 @@ def test_what_would_mean_two_things_is_refused() -> None:
     speed.reset(seed=1)
     with pytest.raises(ValueError, match="made otherwise"):
         home.set_state(speed.get_state())
+
+
+def test_a_restored_environment_says_the_seed_of_the_state() -> None:
+    before = FlixWalkerEnv(task="home", **SHORT)
+    before.reset(seed=5)
+    state, then = before.get_state(), before.reset()[0]
+    after = FlixWalkerEnv(task="home", **SHORT)
+    after.reset(seed=8)
+    after.set_state(state)
+    assert after.np_random_seed == 5
+    assert (after.reset()[0] == then).all()
+
+
+def test_who_is_given_no_seed_goes_on_with_its_own() -> None:
+    starts = []
+    for seeds in ([None, None], None):
+        envs = FlixWalkerVectorEnv(2, "home", **SHORT)
+        envs.reset(seed=1)
+        starts.append(envs.reset(seed=seeds)[0])
+    assert (starts[0] == starts[1]).all()
+
+
+def test_a_reset_that_is_refused_has_not_happened_to_one_robot_either() -> None:
+    env = FlixWalkerEnv(task="home", **SHORT)
+    env.reset(seed=1)
+    state = env.get_state()
+    env.many.batch.position.flags.writeable = False
+    with pytest.raises(ValueError, match="read-only"):
+        env.reset(seed=99)
+    env.many.batch.position.flags.writeable = True
+    assert env.np_random_seed == 1
+    start = env.reset()[0]
+    env.set_state(state)
+    assert (env.reset()[0] == start).all()
+
+
+@pytest.mark.parametrize("change", [{"place": np.zeros(5)}, {"anchor": None}, {"steps": "x"}, {"random": []}, {"random": None}, {"seeds": None}])
+def test_a_state_that_was_changed_is_refused_and_changes_nothing(change: dict[str, object]) -> None:
+    env = FlixWalkerEnv(task="home", **SHORT)
+    env.reset(seed=1)
+    state = env.get_state()
+    with pytest.raises(ValueError, match="state"):
+        env.set_state(state | change)
+    start = env.reset()[0]
+    env.set_state(state)
+    assert (env.reset()[0] == start).all()
