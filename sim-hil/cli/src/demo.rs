@@ -9,10 +9,10 @@ use flix_shell::number::whole;
 use super::error::Error;
 use super::output::{headings, mark, print, progress, row, table};
 use super::track;
-use flix_sim::reliability::demonstration::{Demonstration, ROW, Row, near, scenes};
 use flix_sim::reliability::accuracy::{
     ACROSS_LIMIT, DIRECTION_LIMIT_DEG, FORCE_LIMIT_DEG, FREQUENCY_LIMIT_HZ, SETTLE_LIMIT_S,
 };
+use flix_sim::reliability::demonstration::{Demonstration, ROW, Row, near, scenes};
 
 /// Shake through the paper's five walking modes and a reversal, then walk a figure eight: figures, plot, replay
 #[derive(Debug, Clone, clap::Args)]

@@ -470,7 +470,8 @@ class FlixWalkerVectorEnv(VectorEnv):
 
         Where the path turns back on itself, or passes by itself, places of several stretches are equally near: the next one
         counts that the robot can have walked to, and rather one ahead than one behind. So who turned at a tip, or just before
-        it, is on the way back. Way that is much longer than what was walked waits until the robot has walked on, 150 mm of it at most.
+        it, is on the way back. Way that is much longer than what was walked waits until the robot has walked on, 150 mm of it
+        at most.
         """
         before, now = self._moved().swapaxes(0, 1)
         credit = self.credit + INSIDE * np.hypot(*(now - before).T)

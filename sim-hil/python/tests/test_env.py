@@ -642,7 +642,10 @@ def test_a_reset_that_is_refused_has_not_happened_to_one_robot_either() -> None:
     assert (env.reset()[0] == start).all()
 
 
-@pytest.mark.parametrize("change", [{"place": np.zeros(5)}, {"anchor": None}, {"steps": "x"}, {"random": []}, {"random": None}, {"seeds": None}])
+@pytest.mark.parametrize(
+    "change",
+    [{"place": np.zeros(5)}, {"anchor": None}, {"steps": "x"}, {"random": []}, {"random": None}, {"seeds": None}],
+)
 def test_a_state_that_was_changed_is_refused_and_changes_nothing(change: dict[str, object]) -> None:
     env = FlixWalkerEnv(task="home", **SHORT)
     env.reset(seed=1)
