@@ -453,17 +453,18 @@ class FlixWalkerVectorEnv(VectorEnv):
             way = self._follow()
             return way - OFF_PATH * self.interval * np.hypot(*(now - self.places[self.place]).T)
         if self.task == "home":
-            return -np.diff(np.hypot(*self._moved().transpose(2, 0, 1)))[:, 0]
+            before, now = self._moved()
+            return np.hypot(*before.T) - np.hypot(*now.T)
         gap = now - self.anchor
         far = np.hypot(*gap.T)
         way = np.maximum(far - THREAD_M, 0.0)
         self.anchor += gap * (way / np.maximum(far, THREAD_M))[:, None]
         return way if self.task == "speed" else way - ENERGY_SHARE * energy / self.weight
 
-    def _moved(self) -> np.ndarray:
-        """Return from where to where the robots have gone since the last call, (n, 2, 2) in m."""
+    def _moved(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return from where to where the robots have gone since the last call, each (n, 2) in m."""
         before, self.anchor = self.anchor, self.batch.position[:, :2].copy()
-        return np.stack([before, self.anchor], axis=1)
+        return before, self.anchor
 
     def _follow(self) -> np.ndarray:
         """Take the nearest place near the last one, and return the way from that to it, m, forward along the path.
@@ -473,7 +474,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         it, is on the way back. Way that is much longer than what was walked waits until the robot has walked on, 150 mm of it
         at most.
         """
-        before, now = self._moved().swapaxes(0, 1)
+        before, now = self._moved()
         credit = self.credit + INSIDE * np.hypot(*(now - before).T)
         candidates = (self.place[:, None] + self.around) % len(self.places)
         gap = self.places[candidates] - now[:, None]
