@@ -4,5 +4,4 @@
 mod citations;
 mod documents;
 mod navigation;
-mod sequences;
 mod whole_robot;

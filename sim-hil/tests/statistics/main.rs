@@ -5,7 +5,10 @@
 //! ```
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
+mod commission;
 mod commissioned;
 mod fault_matrix;
+mod faults_by_name;
 mod on_its_feet;
+mod sequences;
 mod strangers;

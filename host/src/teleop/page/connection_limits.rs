@@ -11,6 +11,7 @@
 //! So a page is served while others open sockets without end, behind its own address, too, and the program keeps its
 //! descriptors for the robot. Strangers of other networks turn a page out only where no network holds more than its own.
 
+use std::cmp::Reverse;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::time::Duration;
 
@@ -85,13 +86,15 @@ impl Visitors {
 /// Returns the first place in the list of those behind the address that most are behind, in the network that most are in.
 #[must_use]
 pub fn most_crowded(addresses: &[IpAddr]) -> Option<usize> {
-    let crowd = |place: &usize| {
-        let address = addresses[*place];
-        let count = |is: &dyn Fn(IpAddr) -> bool| addresses.iter().filter(|it| is(**it)).count();
-        [count(&|it| network(it) == network(address)), count(&|it| it == address)]
-    };
-    // Of equals the last is the largest; of a reversed list it is the first.
-    (0..addresses.len()).rev().max_by_key(crowd)
+    let places = addresses.iter().enumerate().map(|(place, it)| (network(*it), *it, place));
+    let mut places: Vec<_> = places.collect();
+    places.sort_unstable();
+    let networks = places.chunk_by(|one, next| one.0 == next.0);
+    let crowds = networks.flat_map(|within| {
+        let crowds = within.chunk_by(|one, next| one.1 == next.1);
+        crowds.map(|behind| (within.len(), behind.len(), Reverse(behind[0].2)))
+    });
+    crowds.max().map(|(_, _, Reverse(place))| place)
 }
 
 /// Returns the first address of the network that an address belongs to: /24 of IPv4, also where IPv6 writes it, /64 of IPv6.
