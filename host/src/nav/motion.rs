@@ -54,7 +54,11 @@ impl Motion {
     /// Returns the expected steady motion of a robot with this heading, rad.
     #[must_use]
     pub fn at(&self, heading: f64) -> Twist {
-        let (sin, cos) = heading.sin_cos();
+        self.facing(heading.sin_cos())
+    }
+
+    /// Returns the same by sine and cosine of the heading.
+    fn facing(&self, (sin, cos): (f64, f64)) -> Twist {
         self.twist.plus(self.slide[0].scaled(cos)).plus(self.slide[1].scaled(sin))
     }
 }
@@ -187,8 +191,13 @@ impl Gait {
     /// Returns the present motion of a robot with this heading, rad.
     #[must_use]
     pub fn twist(&self, heading: f64, motions: &[Motion], response: &Response) -> Twist {
+        self.facing(heading.sin_cos(), motions, response)
+    }
+
+    /// Returns the same by sine and cosine of the heading.
+    fn facing(&self, sin_cos: (f64, f64), motions: &[Motion], response: &Response) -> Twist {
         let [(_, before), (mode, now)] = self.shares(motions, response);
-        self.from_twist.scaled(before).plus(motions[mode].at(heading).scaled(now))
+        self.from_twist.scaled(before).plus(motions[mode].facing(sin_cos).scaled(now))
     }
 
     /// Advances `pose` and the gait by `seconds` (one step: below some 0.1 s).
@@ -199,9 +208,10 @@ impl Gait {
         motions: &[Motion],
         response: &Response,
     ) {
-        let before = self.twist(pose.heading, motions, response);
+        let sin_cos = pose.heading.sin_cos();
+        let before = self.facing(sin_cos, motions, response);
         self.elapsed += seconds;
-        let after = self.twist(pose.heading, motions, response);
+        let after = self.facing(sin_cos, motions, response);
         *pose = pose.moved(before.plus(after).scaled(0.5), seconds);
     }
 }

@@ -260,7 +260,12 @@ impl Path {
 
     fn index(&self, index: i64) -> usize {
         let count = self.points.len() as i64;
-        let index = if self.closed { index.rem_euclid(count) } else { index.clamp(0, count - 1) };
+        let index = match self.closed {
+            // Within the first lap without a division.
+            true if (0..count).contains(&index) => index,
+            true => index.rem_euclid(count),
+            false => index.clamp(0, count - 1),
+        };
         index as usize
     }
 

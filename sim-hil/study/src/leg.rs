@@ -397,6 +397,8 @@ mod tests {
         repeats: 4,
     };
 
+    const ANOTHER: Stiffness = [0.7, 1.1, 0.004, 0.003];
+
     fn assert_recovered(setup: Setup, truth: Stiffness, seed: u64) {
         let rig = Rig::new(&RobotModel::named("A").unwrap(), 0, setup).unwrap();
         let mut samples = rig.simulate(truth, &setup.moments()).unwrap();
@@ -415,10 +417,12 @@ mod tests {
 
     #[test]
     fn recovers_another_leg_within_two_percent_from_noisy_tests() {
-        let truth = [0.7, 1.1, 0.004, 0.003];
-        for seed in [2, 6] {
-            assert_recovered(PULLED, truth, seed);
-        }
+        assert_recovered(PULLED, ANOTHER, 2);
+    }
+
+    #[test]
+    fn recovers_another_leg_within_two_percent_from_other_noise() {
+        assert_recovered(PULLED, ANOTHER, 6);
     }
 
     #[test]

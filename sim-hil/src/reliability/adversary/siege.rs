@@ -364,16 +364,6 @@ fn decoded(frame: &[u8]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::bench::learnt;
-
-    #[test]
-    fn each_siege_is_withstood() {
-        let flash = learnt(Base::Free, 3).unwrap();
-        for kind in SIEGES {
-            let account = run(3, kind, &flash).unwrap();
-            assert!(account.failures == 0 && account.sent > 0, "{account:?}");
-        }
-    }
 
     #[test]
     fn a_key_that_crosses_the_cable_is_heard() {

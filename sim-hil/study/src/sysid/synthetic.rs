@@ -380,13 +380,16 @@ pub fn judge(scores: &[Score]) -> Verdict {
 
 #[cfg(test)]
 mod tests {
+    use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
+
     use super::*;
 
     #[test]
     fn three_hidden_robots_are_found_from_their_files() {
         let plan = RobotModel::named("W").unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let scores: Vec<Score> = (1..=3)
+        let scores: Vec<Score> = (1..=3_u64)
+            .into_par_iter()
             .map(|seed| {
                 let folder = folder.path().join(seed.to_string());
                 trial(&plan, seed, QUICK_WALKS, &folder).unwrap()
