@@ -319,7 +319,6 @@ mod tests {
     use flix_host::link::RobotLink;
     use flix_protocol::message::{Command, ParameterCommand};
 
-    const NONE: Effort = Effort { datagrams: 0, sessions: 0, bytes: 0 };
     /// Two scenarios under forged datagrams, two lives on a network in the attacker's hands, and all that is attacked beside.
     static ATTACKED: LazyLock<Verdict> = LazyLock::new(|| {
         measure(3, Effort { datagrams: 60_000, sessions: 22, bytes: 300_000 }, |_| ()).unwrap()
@@ -357,7 +356,8 @@ mod tests {
         operation.request(Command::Parameter(set)).unwrap();
         operation.request(Command::Parameter(ParameterCommand::Save)).unwrap();
         let flash = operation.robot.parameters().flash.content();
-        let verdict = attack(3, Effort { sessions: 44, ..NONE }, &flash, |_| ()).unwrap();
+        let effort = Effort { datagrams: 0, sessions: 44, bytes: 0 };
+        let verdict = attack(3, effort, &flash, |_| ()).unwrap();
         let movement_s = verdict.longest_movement_after_intent_s;
         assert!(!verdict.pass && movement_s > MOVEMENT_LIMIT_S, "{verdict:?}");
     }
