@@ -23,7 +23,8 @@ fn a_robot_of_unknown_motors_finds_its_own_values_and_names_what_is_wired_wrongl
     let measured = measure(1, 1, || {}).unwrap();
     assert!(measured.pass, "{measured:?}");
     assert_eq!(measured.voltage_mode.refused_assumed, 1);
-    assert!(measured.wiring_faults.kinds.len() > 22);
+    let wiring = &measured.wiring_faults;
+    assert!(wiring.kinds.len() > 22 && wiring.tried == wiring.kinds.len(), "{wiring:?}");
 }
 
 /// The encoders are on each other's motors.

@@ -25,6 +25,8 @@ fn robots_of_unknown_motors_find_their_own_values_and_name_what_is_wired_wrongly
     let measured = measure(3, 2, || {}).unwrap();
     assert!(measured.pass, "{measured:?}");
     assert_eq!(measured.voltage_mode.refused_assumed, 3);
+    let wiring = &measured.wiring_faults;
+    assert!(wiring.kinds.len() > 22 && wiring.tried == 3 * wiring.kinds.len(), "{wiring:?}");
 }
 
 /// What the ramps take is friction and inertia: friction that changes among them would be taken for inertia.

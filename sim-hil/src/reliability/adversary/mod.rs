@@ -334,7 +334,7 @@ mod tests {
     #[test]
     fn no_network_makes_a_robot_move_longer_than_the_command_age_and_the_ramp_down() {
         let verdict = &*ATTACKED;
-        assert!(verdict.longest_movement_after_intent_s <= MOVEMENT_LIMIT_S, "{verdict:?}");
+        assert!(verdict.pass, "{verdict:?}");
         let mut kinds = HOLD_UPS.iter().chain(&INTRUSIONS);
         assert!(kinds.all(|kind| verdict.kinds[kind] > 0), "{verdict:?}");
         // The intruder did ask, and was answered where he may be.
