@@ -23,8 +23,10 @@ fn stop(now: Instant) -> StopSession {
 /// Returns the Stop that this operator sends after the robot's Challenge.
 fn challenged(robot: &mut RobotSession, stop: &mut StopSession, now: Instant) -> Vec<u8> {
     let hello = stop.poll(now).unwrap();
+    assert!(!stop.is_challenged());
     let challenge = answer(robot.receive(now, SECOND_OPERATOR, &hello), hello.len()).unwrap();
     stop.receive(now, &challenge).unwrap();
+    assert!(stop.is_challenged());
     stop.poll(now).unwrap().to_vec()
 }
 
@@ -206,6 +208,20 @@ fn a_stop_that_stays_unanswered_starts_over_with_a_new_nonce() {
     let anew = challenged(&mut ends.robot, &mut stop, ends.now);
     assert_ne!(anew[nonces.clone()], lost[nonces]);
     obeyed(ends.robot.receive(ends.now, SECOND_OPERATOR, &anew));
+}
+
+#[test]
+fn a_stop_starts_over_until_its_patience_ends() {
+    let nonce = 4..4 + NONCE_LENGTH;
+    for (left, starts_over) in [(MILLISECOND, true), (Duration::ZERO, false)] {
+        let mut ends = Ends::connected();
+        let mut stop = stop(ends.now);
+        ends.wait(CONNECT_PATIENCE - STOP_ANSWER_PATIENCE - MILLISECOND);
+        let lost = challenged(&mut ends.robot, &mut stop, ends.now);
+        ends.wait(STOP_ANSWER_PATIENCE + MILLISECOND - left);
+        let next = stop.poll(ends.now).unwrap();
+        assert_eq!(next[nonce.clone()] != lost[nonce.clone()], starts_over, "{left:?} left");
+    }
 }
 
 #[test]

@@ -36,18 +36,13 @@ impl Disturbance for Swapped {
     }
 }
 
-/// Returns all settings of a robot, and how they are known.
-fn settings(robot: &Watched) -> Settings {
-    *robot.operation.robot.software().slow.settings()
-}
-
 #[test]
 fn a_commissioned_robot_knows_its_motors() {
     let mut robot = Watched::power_up(unknown_motors(3), 3).unwrap();
-    assert_eq!(settings(&robot).marks, Settings::DEFAULT.marks);
+    assert_eq!(robot.settings().marks, Settings::DEFAULT.marks);
     commission(&mut robot, &Known::default(), |_| {}).unwrap();
     for name in MOTOR_VALUES {
-        assert_eq!(settings(&robot).marked(name), Some(Mark::Measured), "{name}");
+        assert_eq!(robot.settings().marked(name), Some(Mark::Measured), "{name}");
     }
 }
 
@@ -55,11 +50,11 @@ fn a_commissioned_robot_knows_its_motors() {
 fn swapped_encoders_are_named_and_the_settings_stay_as_they_were() {
     let mut robot = Watched::power_up(unknown_motors(2), 2).unwrap();
     robot.operation.robot.disturb(Swapped);
-    let before = settings(&robot);
+    let before = robot.settings();
     let found = commission(&mut robot, &Known::default(), |_| {});
     let Err(CommissionError::Found(finding)) = found else { panic!("{found:?}") };
     assert_eq!(finding, Finding::EncodersSwapped(0));
-    assert_eq!(settings(&robot), before);
+    assert_eq!(robot.settings(), before);
 }
 
 /// Returns a robot without current sense whose motors were entered as they are, but for pole pairs times this.
@@ -98,12 +93,12 @@ fn a_magnet_that_slips_while_it_is_measured_is_named() {
 #[test]
 fn a_robot_without_current_sense_knows_how_late_its_encoders_are_and_what_that_rests_on() {
     let mut robot = entered(4, 1.0);
-    let before = settings(&robot);
+    let before = robot.settings();
     let found = find_latency(&mut robot, &Known::default(), |_| {}).unwrap();
     let late = unknown_motors(4).electrical.encoder.late_us;
     assert!((1e6 * found.encoder_latency - late).abs() < 30.0, "{found:?} of {late} us");
     assert_eq!(found.rests_on.len(), 7);
-    let after = settings(&robot);
+    let after = robot.settings();
     assert!((f64::from(after.encoder_latency) - 1e6 * found.encoder_latency).abs() < 0.1);
     // Neither the turned angle nor what bounded the runs stays.
     let kept = |settings: &Settings| {
@@ -120,7 +115,7 @@ fn a_robot_whose_encoders_were_found_late_can_be_armed_with_what_that_left() {
     let mut robot = entered(52_001, 1.0);
     let found = find_latency(&mut robot, &Known::default(), |_| {}).unwrap();
     assert!(found.encoder_latency > 2e-3, "{found:?}");
-    let bandwidth = settings(&robot).position_bandwidth;
+    let bandwidth = robot.settings().position_bandwidth;
     assert!(bandwidth < Settings::DEFAULT.position_bandwidth, "{bandwidth} Hz");
     robot.operation.arm().unwrap();
 }
@@ -192,7 +187,7 @@ fn an_owner_who_allows_less_current_than_commissioning_takes_is_asked_first() {
         let mut robot =
             if senses { Watched::power_up(unknown_motors(3), 3).unwrap() } else { entered(4, 1.0) };
         set(&mut robot, &[("alignment_current", 0.3), ("current_limit", 0.5)]);
-        let before = settings(&robot);
+        let before = robot.settings();
         let error = match senses {
             true => commission(&mut robot, &Known::default(), |_| {}).map(drop),
             false => find_latency(&mut robot, &Known::default(), |_| {}).map(drop),
@@ -201,7 +196,7 @@ fn an_owner_who_allows_less_current_than_commissioning_takes_is_asked_first() {
             matches!(error, Err(CommissionError::Limited { limit }) if limit == 0.5),
             "{error:?}"
         );
-        assert_eq!(settings(&robot), before);
+        assert_eq!(robot.settings(), before);
         assert_eq!(robot.largest_current.get(), 0.0);
     }
 }
@@ -215,12 +210,12 @@ fn settings_of_an_owner_that_fit_each_other_are_put_back_after_commissioning() {
         let [limit, aligning] = if senses { [1.4, 1.0] } else { [1.6, 1.5] };
         let own = [("current_limit", limit), ("alignment_current", aligning), ("command_age", 0.6)];
         set(&mut robot, &own);
-        let before = settings(&robot);
+        let before = robot.settings();
         match senses {
             true => drop(commission(&mut robot, &Known::default(), |_| {}).unwrap()),
             false => drop(find_latency(&mut robot, &Known::default(), |_| {}).unwrap()),
         }
-        let after = settings(&robot);
+        let after = robot.settings();
         let kept = |it: &Settings| (it.current_limit, it.command_age, it.frequency_ramp);
         assert_eq!(kept(&after), kept(&before));
         // A robot that measures itself knows better what turns its rotors.
@@ -239,11 +234,11 @@ fn a_delay_that_was_entered_is_named_as_what_a_latency_rests_on() {
 #[test]
 fn pole_pairs_entered_wrongly_end_a_search_for_latency_and_leave_the_settings_as_they_were() {
     let mut robot = entered(9004, 2.0);
-    let before = settings(&robot);
+    let before = robot.settings();
     let found = find_latency(&mut robot, &Known::default(), |_| {});
     let Err(CommissionError::Faulted { faults, .. }) = &found else { panic!("{found:?}") };
     assert!(faults.contains(Fault::Alignment), "{found:?}");
-    let after = settings(&robot);
+    let after = robot.settings();
     let kept = |settings: &Settings| {
         (settings.encoder_latency, settings.position_bandwidth, settings.tracker_bandwidth)
     };

@@ -365,9 +365,9 @@ impl RobotSession {
         let publics = [client_public, &ephemeral.public()];
         let keys = SessionKeys::first(key, [client_nonce, robot_nonce], publics, &shared);
         let answer = frame::accept(keys.session, publics[1], |it| signer.tag(it, &[claimed]));
-        // A holder that connects anew was heard in its session before, too.
-        let before = self.holder.as_ref().filter(|it| it.peer == from && it.key_id == *key_id);
-        let heard = before.map_or(moment, |it| it.heard.max(moment));
+        // A holder that connects anew was heard in its session before, too. One that others replace was silent for so long that
+        // it makes no difference to them.
+        let heard = self.holder.as_ref().map_or(moment, |it| it.heard.max(moment));
         self.holder = Some(Holder {
             peer: from,
             name: *name,

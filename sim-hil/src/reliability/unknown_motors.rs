@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use flix_firmware::settings::Settings;
 use flix_host::commission::{CommissionError, Commissioned, Known, commission, motor_name};
 use flix_host::link::{ARM_PATIENCE, Client, RobotLink, passes_by_itself};
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint};
@@ -191,6 +192,12 @@ impl Watched {
         watched.request(Command::Parameter(ParameterCommand::Reset))?;
         watched.pause(Duration::from_millis(300))?;
         Ok(watched)
+    }
+
+    /// Returns all its settings, and how they are known.
+    #[must_use]
+    pub fn settings(&self) -> Settings {
+        *self.operation.robot.software().slow.settings()
     }
 
     /// Commissions it.

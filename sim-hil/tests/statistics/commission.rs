@@ -15,11 +15,6 @@ use flix_sim::rig::operation::{Operation, OperationError};
 use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
 
-/// Returns all settings of a robot, and how they are known.
-fn settings(robot: &Watched) -> Settings {
-    *robot.operation.robot.software().slow.settings()
-}
-
 #[test]
 fn robots_of_unknown_motors_find_their_own_values_and_name_what_is_wired_wrongly() {
     let measured = measure(3, 2, || {}).unwrap();
@@ -53,12 +48,12 @@ fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_sta
             from + Duration::from_secs(seconds),
             1,
         ));
-        let before = settings(&robot);
+        let before = robot.settings();
         let known = Known { rotor_inertia: Some(rotor_inertia(&model.shaker)), battery };
         let found = commission(&mut robot, &known, |_| {});
         let Err(CommissionError::Found(finding)) = found else { panic!("{found:?}") };
         assert!(matches!(finding, Finding::Uneven { motor: 0, .. }), "{finding:?}");
-        let after = settings(&robot);
+        let after = robot.settings();
         let kept =
             |it: &Settings| (it.marks, it.phase_resistance, it.frequency_ramp, it.current_limit);
         assert_eq!(kept(&after), kept(&before));

@@ -158,6 +158,28 @@ mod tests {
     }
 
     #[test]
+    fn in_every_crowd_the_first_of_the_densest_place_is_turned_out() {
+        // Three networks; the third address is of the first one, as IPv6 writes it.
+        let addresses =
+            ["10.0.0.1", "10.0.0.2", "::ffff:10.0.0.1", "10.0.1.1", "2001:db8::1", "2001:db8::2"];
+        let addresses = addresses.map(|it| it.parse::<IpAddr>().unwrap());
+        for (length, number) in
+            (1..=5).flat_map(|it| (0..6_usize.pow(it)).map(move |number| (it, number)))
+        {
+            let crowd: Vec<_> =
+                (0..length).map(|it| addresses[number / 6_usize.pow(it) % 6]).collect();
+            let density = |it: IpAddr| {
+                let within = crowd.iter().filter(|other| network(**other) == network(it));
+                (within.count(), crowd.iter().filter(|other| **other == it).count())
+            };
+            let densest = crowd.iter().map(|it| density(*it)).max();
+            let first = crowd.iter().position(|it| Some(density(*it)) == densest);
+            assert_eq!(most_crowded(&crowd), first, "{crowd:?}");
+        }
+        assert_eq!(most_crowded(&[]), None);
+    }
+
+    #[test]
     fn whoever_has_shown_the_token_is_not_turned_out() {
         let mut visitors = Visitors::default();
         let (driver, _) = visitors.admit(NEAR).unwrap();
