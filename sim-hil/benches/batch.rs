@@ -7,7 +7,6 @@
 //!
 //!     cargo bench -p flix-sim --bench batch
 
-use std::process::Command;
 use std::time::Instant;
 
 use flix_sim::batch::{Batch, Precision};
@@ -18,6 +17,8 @@ use flix_sim::plant::mechanics::reference_contact;
 
 #[path = "batch/counting.rs"]
 mod counting;
+#[path = "support/python.rs"]
+mod python;
 
 const THREADS: usize = 2;
 const ROBOTS: usize = 2048;
@@ -60,8 +61,6 @@ fn main() {
             single / theirs,
             double / theirs
         );
-    } else {
-        println!("no MuJoCo here (pip install mujoco)");
     }
 }
 
@@ -83,14 +82,10 @@ fn here(model: &RobotModel, precision: Precision) -> f64 {
 fn there(model: &RobotModel) -> Option<f64> {
     let path = std::env::temp_dir().join(format!("flix-bench-{}.xml", std::process::id()));
     std::fs::write(&path, mjcf(model, STEP, reference_contact(model))).ok()?;
-    let done = Command::new("python3")
-        .args(["-c", THEIRS])
-        .arg(&path)
-        .args([THREADS.to_string(), "64".to_owned(), "1000".to_owned()])
-        .output()
-        .ok()?;
+    let arguments = [THREADS.to_string(), "64".to_owned(), "1000".to_owned()];
+    let number = python::number(THEIRS, &path, &arguments);
     let _ = std::fs::remove_file(&path);
-    String::from_utf8(done.stdout).ok()?.trim().parse().ok()
+    number
 }
 
 /// Additions and multiplications a second of all threads together, eight independent chains each.

@@ -4,13 +4,15 @@
 //!
 //!     cargo bench -p flix-sim --bench mujoco
 
-use std::process::Command;
 use std::time::Instant;
 
 use flix_sim::model::RobotModel;
 use flix_sim::model::mjcf::mjcf;
 use flix_sim::plant::mechanics::reference_contact;
 use flix_sim::plant::{Drive, Mechanics, Plant};
+
+#[path = "support/python.rs"]
+mod python;
 
 /// Runs the exported model for `steps` steps and prints microseconds a step.
 const THEIRS: &str = "
@@ -40,8 +42,8 @@ fn main() {
     let (mut ours, mut theirs) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..ROUNDS {
         ours = ours.min(here(&model));
-        let Some(time) = there(&path) else {
-            println!("no MuJoCo here (pip install mujoco): {ours:.2} us a step of model A");
+        let Some(time) = python::number(THEIRS, &path, &[STEPS.to_string()]) else {
+            println!("{ours:.2} us a step of model A here");
             return;
         };
         theirs = theirs.min(time);
@@ -65,14 +67,4 @@ fn here(model: &RobotModel) -> f64 {
     let start = Instant::now();
     run(STEPS);
     1e6 * start.elapsed().as_secs_f64() / f64::from(STEPS)
-}
-
-fn there(path: &std::path::Path) -> Option<f64> {
-    let done = Command::new("python3")
-        .args(["-c", THEIRS])
-        .arg(path)
-        .arg(STEPS.to_string())
-        .output()
-        .ok()?;
-    String::from_utf8(done.stdout).ok()?.trim().parse().ok()
 }

@@ -127,9 +127,11 @@ def main():
     parser.add_argument("--seeds", type=int, default=16)
     parser.add_argument("--seconds", type=float, default=4)
     parser.add_argument("--draw", action="store_true", help="do not measure")
+    parser.add_argument("--out", type=pathlib.Path, default=DOCS, help="folder to write to")
     a = parser.parse_args()
-    path = DOCS / "convergence.csv"
+    path = a.out / "convergence.csv"
     if not a.draw:
+        a.out.mkdir(parents=True, exist_ok=True)
         program = a.program.split()
         rows = [*flix_rows(program, a.release.split(), a.seeds, a.seconds)]
         rows += mujoco_rows(program, a.seeds, a.seconds)
@@ -139,11 +141,11 @@ def main():
             writer.writerows(rows)
     with path.open() as file:
         text, errors = table(list(csv.DictReader(file)))
-    page = DOCS / "convergence.md"
-    head, _, rest = page.read_text().partition("|---|---|---|---|---|---|---|---|---|\n")
+    page = "convergence.md"
+    head, _, rest = (DOCS / page).read_text().partition("|---|---|---|---|---|---|---|---|---|\n")
     after = rest[rest.index("\n\n"):]
-    page.write_text(f"{head}|---|---|---|---|---|---|---|---|---|\n{text}{after}")
-    (DOCS / "convergence.svg").write_text(draw(errors))
+    (a.out / page).write_text(f"{head}|---|---|---|---|---|---|---|---|---|\n{text}{after}")
+    (a.out / "convergence.svg").write_text(draw(errors))
     print(text)
 
 

@@ -4,7 +4,7 @@ A sequence is six pairs (f, theta), 25 to 35 Hz either way, held for 0.1 to 1 s 
 several starts by both, since such a walk magnifies a millimetre; what is compared are means over the starts, beside what
 chance makes of them. `pip install sim-hil/python matplotlib`.
 
-    sequences.py --sequences 100 --starts 8 --out sim-hil/docs/sequences.png
+    sequences.py --sequences 100 --starts 8 --out out/sequences.png
 """
 
 import argparse

@@ -14,7 +14,11 @@ use std::fs::File;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
+use std::sync::Arc;
 use std::time::{Instant, SystemTime};
+
+use serde::Deserialize;
+use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::marked;
 use crate::quick::{named, unified};
@@ -132,8 +136,48 @@ fn sums(log: &str) -> BTreeMap<String, f64> {
     sums
 }
 
+/// What is read of cargo's `--message-format json`: a program that it has built, and the file that this begins with.
+#[derive(Deserialize)]
+struct Built {
+    executable: Option<PathBuf>,
+    target: Option<Target>,
+}
+
+#[derive(Deserialize)]
+struct Target {
+    src_path: PathBuf,
+}
+
+/// Returns the package of each test binary, by the binary's name.
+fn packages(
+    workspace: &Workspace,
+    folder: &Path,
+    mut cargo: Command,
+) -> Result<BTreeMap<String, String>, Error> {
+    cargo.env("CARGO_TARGET_DIR", folder).args(["--no-run", "--message-format", "json"]);
+    let root = run::root();
+    let of = |line: &str| {
+        let built: Built = serde_json::from_str(line).ok()?;
+        let source = built.target?.src_path;
+        let owner = workspace.owner(source.strip_prefix(&root).ok()?.to_str()?)?;
+        Some((stem(&built.executable?)?, owner.to_owned()))
+    };
+    Ok(run::output(&mut cargo)?.lines().filter_map(of).collect())
+}
+
+/// Returns a program's name, without its ending.
+fn stem(program: &Path) -> Option<String> {
+    Some(program.file_stem()?.to_str()?.to_owned())
+}
+
 /// Runs tests; returns how long each binary took, s.
-fn tests(folder: &Path, mut cargo: Command) -> Result<Vec<(String, f64)>, Error> {
+fn tests(
+    workspace: &Workspace,
+    folder: &Path,
+    testing: impl Fn() -> Command,
+) -> Result<Vec<(String, f64)>, Error> {
+    let packages = packages(workspace, folder, testing())?;
+    let mut cargo = testing();
     cargo.env("CARGO_TARGET_DIR", folder);
     let name = || Error::Failed("cargo test".to_owned());
     let mut child = cargo.stderr(Stdio::piped()).spawn().map_err(|_| name())?;
@@ -142,7 +186,7 @@ fn tests(folder: &Path, mut cargo: Command) -> Result<Vec<(String, f64)>, Error>
     for line in child.stderr.take().into_iter().flat_map(|errors| BufReader::new(errors).lines()) {
         let line = line.map_err(|_| name())?;
         eprintln!("{line}");
-        if let Some(next) = binary(&line) {
+        if let Some(next) = binary(&packages, &line) {
             binaries
                 .extend(running.take().map(|(name, start)| (name, start.elapsed().as_secs_f64())));
             running = Some((next, Instant::now()));
@@ -152,15 +196,15 @@ fn tests(folder: &Path, mut cargo: Command) -> Result<Vec<(String, f64)>, Error>
     if child.wait().is_ok_and(|status| status.success()) { Ok(binaries) } else { Err(name()) }
 }
 
-/// Returns the binary that a line of cargo says is running now: its package or target, and what it is made of.
-fn binary(line: &str) -> Option<String> {
+/// Returns the binary that a line of cargo says is running now: its package, and what it is made of.
+fn binary(packages: &BTreeMap<String, String>, line: &str) -> Option<String> {
     let line = line.trim_start();
     if let Some(package) = line.strip_prefix("Doc-tests ") {
         return Some(format!("{package}, documentation"));
     }
     let (source, program) = line.strip_prefix("Running ")?.split_once(" (")?;
-    let program = Path::new(program.trim_end_matches(')')).file_stem()?.to_str()?;
-    let (name, _hash) = program.rsplit_once('-')?;
+    let program = stem(Path::new(program.trim_end_matches(')')))?;
+    let name = packages.get(&program).map_or(program.as_str(), String::as_str);
     Some(format!("{name}, {}", source.trim_start_matches("unittests ")))
 }
 
@@ -302,11 +346,11 @@ fn cold(workspace: &Workspace) -> Result<(), Error> {
     let builds = table_of_builds(&workspace.names().collect(), &release, &built);
     println!("{builds}");
     write("builds", &circumstances, &builds)?;
-    measure_tests(&folder, &circumstances)
+    measure_tests(workspace, &folder, &circumstances)
 }
 
-fn measure_tests(folder: &Path, circumstances: &str) -> Result<(), Error> {
-    let binaries = table_of_tests(tests(folder, testing(&BTreeSet::new()))?);
+fn measure_tests(workspace: &Workspace, folder: &Path, circumstances: &str) -> Result<(), Error> {
+    let binaries = table_of_tests(tests(workspace, folder, || testing(&BTreeSet::new()))?);
     println!("{binaries}");
     write("tests", circumstances, &binaries)
 }
@@ -315,6 +359,11 @@ fn warm(workspace: &Workspace, packages: &[String]) -> Result<(), Error> {
     let circumstances = circumstances()?;
     let folder: PathBuf = run::target_directory();
     let wanted: BTreeSet<&str> = packages.iter().map(String::as_str).collect();
+    // Who stops this stops the compiler, whose end takes the function out of the source again.
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::default())
+            .map_err(|error| Error::Sentence(format!("signals cannot be handled: {error}")))?;
+    }
     // Whatever is not built yet is not counted.
     Build::run(&folder, testing(&wanted).arg("--no-run"))?;
     let mut changes = Vec::new();
@@ -326,9 +375,9 @@ fn warm(workspace: &Workspace, packages: &[String]) -> Result<(), Error> {
     println!("{circumstances}:\n\n{changes}");
     if wanted.is_empty() {
         write("changes", &circumstances, &changes)?;
-        return measure_tests(&folder, &circumstances);
+        return measure_tests(workspace, &folder, &circumstances);
     }
-    println!("{}", table_of_tests(tests(&folder, testing(&wanted))?));
+    println!("{}", table_of_tests(tests(workspace, &folder, || testing(&wanted))?));
     Ok(())
 }
 
@@ -351,14 +400,15 @@ mod checks {
 
     #[test]
     fn binaries_are_named_by_cargos_lines() {
-        let of = |line: &str| binary(line);
+        let packages = [("flix_sim-00c0ffee".to_owned(), "flix-sim".to_owned())].into();
+        let of = |line: &str| binary(&packages, line);
         assert_eq!(
             of("     Running unittests src/lib.rs (target/debug/deps/flix_sim-00c0ffee)"),
-            Some("flix_sim, src/lib.rs".into())
+            Some("flix-sim, src/lib.rs".into())
         );
         assert_eq!(
             of("     Running tests/link.rs (/x/debug/deps/link-00c0ffee)"),
-            Some("link, tests/link.rs".into())
+            Some("link-00c0ffee, tests/link.rs".into())
         );
         assert_eq!(of("   Doc-tests flix_sim"), Some("flix_sim, documentation".into()));
         assert_eq!(of("   Compiling flix-sim v0.1.0 (/x)"), None);

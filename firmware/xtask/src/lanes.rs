@@ -19,7 +19,8 @@ use std::sync::{Mutex, PoisonError, mpsc};
 use std::time::Instant;
 
 use due::{Judge, Reason};
-use list::{Lane, List, Record};
+pub(crate) use list::{FILE as LIST, List};
+use list::{Lane, Record};
 
 use crate::marked;
 use crate::run::{self, Error};
@@ -80,7 +81,7 @@ fn chosen<'a>(list: &'a List, names: &[String]) -> Result<Vec<&'a Lane>, Error> 
 fn print(tree: &Tree, names: &[String]) -> Result<(), Error> {
     let list = List::read(tree)?;
     let mut judge = Judge::new(tree, &list)?;
-    println!("{:14} {:5} {:32} why", "lane", "due", "last green run");
+    println!("{:16} {:5} {:32} why", "lane", "due", "last green run");
     for lane in chosen(&list, names)? {
         let (due, why) = match judge.reason(lane)? {
             Some(reason) if lane.long => ("long", format!("due: {reason}")),
@@ -88,7 +89,7 @@ fn print(tree: &Tree, names: &[String]) -> Result<(), Error> {
             None => ("no", "nothing that it depends on changed".to_owned()),
         };
         println!(
-            "{:14} {due:5} {:32} {why}",
+            "{:16} {due:5} {:32} {why}",
             lane.name,
             lane.last.as_ref().map_or("-".into(), words)
         );
@@ -124,6 +125,9 @@ fn run_lanes(tree: &Tree, logs: &Path, args: &Args) -> Result<(), Error> {
     let mut wanted = Vec::new();
     for lane in chosen(&list, &args.names)? {
         if args.apart.is_some_and(|apart| apart != lane.apart) {
+            if !args.names.is_empty() {
+                println!("{}: left out, its `apart` is {}", lane.name, lane.apart);
+            }
             continue;
         }
         let reason = judge.reason(lane)?;
@@ -222,8 +226,9 @@ impl Program {
                 Some(arguments) => format!(r#""$XTASK" {arguments}"#),
                 None => line.clone(),
             };
-            // Where the time goes: of the shell, then of what it started, in user and system mode.
-            let timed = format!("trap times EXIT; {command}");
+            // Where the time goes.
+            let times = "echo 'user and system time, of the shell and of what it ran:'; times";
+            let timed = format!("trap \"{times}\" EXIT; {command}");
             run::run(
                 run::command("bash")
                     .current_dir(tree.root())

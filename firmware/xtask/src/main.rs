@@ -10,6 +10,7 @@ mod emulate;
 mod flash;
 mod image;
 mod in_memory;
+mod included;
 mod lanes;
 mod marked;
 #[cfg(test)]

@@ -2,8 +2,9 @@
 //!
 //! | step | of what |
 //! |---|---|
-//! | format | everything |
-//! | types | what changed, and all that needs it; cargo knows, and skips the rest |
+//! | format | the workspace |
+//! | types | what changed, and all that needs it; cargo knows, and skips the rest. All of it after a change in what everything is
+//! built from: versions, features, the compiler |
 //! | lints | the packages that changed |
 //! | tests | the packages that changed |
 //!
@@ -13,6 +14,8 @@ use std::collections::BTreeSet;
 use std::process::Command;
 use std::time::Instant;
 
+use crate::included::{Included, included};
+use crate::lanes::{LIST, List};
 use crate::run::{self, Error};
 use crate::toolchain;
 use crate::tree::{Tree, short};
@@ -26,8 +29,12 @@ const UNIFIED: [(&str, &str); 3] = [
     ("CARGO_RESOLVER_FEATURE_UNIFICATION", "workspace"),
     ("__CARGO_TEST_CHANNEL_OVERRIDE_DO_NOT_USE_THIS", "nightly"),
 ];
-/// Pages for people, which nothing is built from.
+/// Pages for people: no part of the package in whose folder they lie.
 const PAGES: &str = ".md";
+/// Versions of all that is built.
+const LOCK: &str = "Cargo.lock";
+/// The package whose tests read the list of lanes.
+const OWN: &str = env!("CARGO_PKG_NAME");
 
 /// What counts as changed.
 #[derive(clap::Args)]
@@ -72,10 +79,17 @@ fn base(tree: &Tree, since: Option<&str>) -> Result<String, Error> {
     Ok(tree.commit("HEAD~1").unwrap_or(head))
 }
 
-/// Returns the packages that these files belong to.
-fn packages<'a>(workspace: &'a Workspace, files: &[String]) -> BTreeSet<&'a str> {
-    let files = files.iter().filter(|file| !file.ends_with(PAGES));
-    files.filter_map(|file| workspace.owner(file)).collect()
+/// Returns the packages that these files belong to, and those whose sources take them in.
+fn packages<'a>(
+    workspace: &'a Workspace,
+    included: &[Included],
+    files: &[String],
+) -> BTreeSet<&'a str> {
+    let owners = files.iter().filter(|file| !file.ends_with(PAGES));
+    let includers = included.iter().filter(|it| files.contains(&it.file)).map(|it| &it.by);
+    let packages = owners.chain(includers).filter_map(|file| workspace.owner(file));
+    let own = files.iter().any(|file| file == LIST).then_some(OWN);
+    packages.chain(own).collect()
 }
 
 /// A step: its name, the arguments of cargo, and what a user types to repeat it.
@@ -107,14 +121,15 @@ pub(crate) fn named<'a>(packages: &BTreeSet<&'a str>) -> Vec<&'a str> {
     packages.iter().flat_map(|name| ["-p", *name]).collect()
 }
 
-/// Returns the steps for packages that changed, and all that need them.
+/// Returns the steps for packages that changed, and all that need them: nobody where only pages changed.
 fn steps(changed: &BTreeSet<&str>, dependents: &BTreeSet<&str>) -> Vec<Step> {
     let format = Step::new("format", &["fmt", "--all", "--check"]);
-    if changed.is_empty() {
-        return vec![format];
-    }
     let (changed, dependents) = (named(changed), named(dependents));
     let types = [&["check", "--all-targets"][..], &dependents].concat();
+    if changed.is_empty() {
+        let types = (!dependents.is_empty()).then(|| Step::new("types", &types));
+        return [format].into_iter().chain(types).collect();
+    }
     let lints = [&["clippy", "--all-targets"][..], &changed, &["--", "-D", "warnings"]].concat();
     let tests = Step::new("tests", &[&["test"][..], &changed].concat());
     // What is typed builds as this does.
@@ -130,12 +145,26 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
     let base = base(&tree, args.since.as_deref())?;
     let workspace = Workspace::read(tree.root())?;
     let files = tree.changed_since(&base)?;
-    let changed = packages(&workspace, &files);
+    let included = included(&tree, &tree.tracked()?);
+    let changed = packages(&workspace, &included, &files);
+    let list = List::read(&tree)?;
+    let of_all = files.iter().find(|file| *file == LOCK || list.is_common(file));
     let names = changed.iter().copied().collect::<Vec<_>>().join(", ");
     let names = if names.is_empty() { "no package".to_owned() } else { names };
-    println!("since {}: {} files changed, of {names}", short(&base), files.len());
+    let count = match files.len() {
+        1 => "1 file".to_owned(),
+        count => format!("{count} files"),
+    };
+    println!("since {}: {count} changed, of {names}", short(&base));
     let owned: Vec<String> = changed.iter().map(|name| (*name).to_owned()).collect();
-    for step in steps(&changed, &workspace.dependents(&owned)) {
+    let dependents = match of_all {
+        None => workspace.dependents(&owned),
+        Some(file) => {
+            println!("everything is built from {file}: types are checked of all packages");
+            workspace.names().collect()
+        }
+    };
+    for step in steps(&changed, &dependents) {
         step.run()?;
     }
     println!("quick: {:.0} s; `.ci/run` decides", start.elapsed().as_secs_f64());
@@ -165,12 +194,17 @@ mod tests {
     }
 
     #[test]
-    fn pages_are_of_no_package() {
+    fn files_are_of_the_packages_that_are_built_from_them_and_pages_of_those_alone_that_take_them_in()
+     {
         let workspace = Workspace::read(&run::root()).unwrap();
-        let folder = workspace.folder("xtask").unwrap();
-        let of = |file: &str| packages(&workspace, &[format!("{folder}{file}")]);
-        assert_eq!(of("src/quick.rs"), ["xtask"].into());
-        assert_eq!(of("README.md"), [].into());
+        let sources = ["firmware/xtask/src/chip.rs", "host/shell/src/lib.rs"].map(str::to_owned);
+        let included = included(&Tree::new(&run::root()), &sources);
+        let of = |file: &str| packages(&workspace, &included, &[file.to_owned()]);
+        assert_eq!(of("firmware/xtask/src/quick.rs"), ["xtask"].into());
+        assert_eq!(of("firmware/board_choice.rs"), ["flix-firmware", "xtask"].into());
+        assert_eq!(of("host/README.md"), [].into());
+        assert_eq!(of("host/shell/README.md"), ["flix-shell"].into());
+        assert_eq!(of(LIST), ["xtask"].into());
     }
 
     #[test]
@@ -191,7 +225,12 @@ mod tests {
 
     #[test]
     fn a_change_of_pages_alone_is_formatted_alone() {
-        let steps = steps(&[].into(), &[].into());
-        assert_eq!(steps.len(), 1);
+        assert_eq!(steps(&[].into(), &[].into()).len(), 1);
+    }
+
+    #[test]
+    fn types_of_all_are_checked_where_all_changed() {
+        let steps = steps(&[].into(), &["one", "two"].into());
+        assert_eq!(steps.last().unwrap().repeat, "cargo check --all-targets -p one -p two");
     }
 }

@@ -43,18 +43,16 @@ impl Tree {
         Ok(printed.split('\0').filter(|name| !name.is_empty()).map(str::to_owned).collect())
     }
 
-    /// Returns whether this folder is a clone, not what was unpacked from an archive.
-    pub(crate) fn is_clone(&self) -> bool {
-        run::succeeds(&mut self.git(&["rev-parse", "--verify", "HEAD"]))
-    }
-
     /// Checks that this folder is a clone.
     pub(crate) fn must_be_clone(&self) -> Result<(), Error> {
-        if self.is_clone() {
-            return Ok(());
-        }
+        let mut command = self.git(&["rev-parse", "--verify", "HEAD"]);
+        let said = match command.output() {
+            Ok(output) if output.status.success() => return Ok(()),
+            Ok(output) => String::from_utf8_lossy(&output.stderr).trim().to_owned(),
+            Err(error) => error.to_string(),
+        };
         Err(Error::Sentence(format!(
-            "{} is no clone with a commit, and what changed is asked of git: clone the repository",
+            "what changed is asked of git, which finds no commit in {}: clone the repository, or do as it says:\n{said}",
             self.root.display()
         )))
     }

@@ -15,7 +15,8 @@ LEFT_OUT = """AES ATOMIC CLINT DMA DS ECC HINF HMAC HP_SYS I2S0 IEEE802154 LEDC 
 MEM_MONITOR OTP_DEBUG PARL_IO PAU PCNT PLIC_UX RMT RSA SHA SLC SLCHOST SOC_ETM TEE TRACE TWAI0 TWAI1 UART1 UHCI0
 EXTMEM SPI0""".split()
 
-source = glob.glob(os.path.expanduser(f"~/.cargo/registry/src/*/esp32c6-{VERSION}/src"))[0]
+CARGO = os.environ.get("CARGO_HOME") or os.path.expanduser("~/.cargo")
+source = glob.glob(f"{CARGO}/registry/src/*/esp32c6-{VERSION}/src")[0]
 ACCESSOR = re.compile(
     r'#\[doc = "(0x[0-9a-f]+)(?:\.\.(0x[0-9a-f]+))? - ([^\n]*)"\]\n(?:\s*#\[[^\n]*\n|\s*///[^\n]*\n)*'
     r"\s*pub const fn (\w+)\(&self(, n: usize)?\) -> &(?:crate::)?(?:(\w+)::)?(\w+)"

@@ -6,6 +6,7 @@ use std::rc::Rc;
 
 use super::list::{FILE as LIST, Lane, List};
 use super::lock::{self, Lock};
+use crate::included::{Included, included};
 use crate::run::Error;
 use crate::tree::{Tree, short};
 use crate::workspace::Workspace;
@@ -36,7 +37,7 @@ impl fmt::Display for Reason {
             Self::Unknown(commit) => {
                 write!(
                     formatter,
-                    "this clone has no commit {}; a shallow one lacks it",
+                    "this clone has no commit {}: it is shallow, or history was rewritten",
                     short(commit)
                 )
             }
@@ -60,6 +61,8 @@ pub(super) struct Judge<'a> {
     list: &'a List,
     workspace: Workspace,
     lock: Lock,
+    /// What programs are built from beside the files of their packages.
+    included: Vec<Included>,
     /// By commit; nothing for one that this clone lacks.
     pasts: BTreeMap<String, Option<Rc<Past>>>,
 }
@@ -79,7 +82,9 @@ impl<'a> Judge<'a> {
             }
         }
         let lock = Lock::parse(&tree.now(lock::FILE).unwrap_or_default());
-        Ok(Self { tree, list, workspace, lock, pasts: BTreeMap::new() })
+        let mut included = included(tree, &[tree.tracked()?, tree.untracked()?].concat());
+        included.retain(Included::is_built);
+        Ok(Self { tree, list, workspace, lock, included, pasts: BTreeMap::new() })
     }
 
     /// Returns what a commit holds; nothing where this clone lacks it.
@@ -104,10 +109,24 @@ impl<'a> Judge<'a> {
     /// Returns the files of these that a lane depends on.
     pub(super) fn inputs<'b>(&self, lane: &Lane, files: &'b [String]) -> Vec<&'b str> {
         let packages = self.workspace.closure(&lane.packages);
-        let is_input = |file: &&str| {
+        let is_own = |file: &str| {
             let owner = self.workspace.owner(file);
             self.list.depends(lane, file, owner.is_some_and(|owner| packages.contains(owner)))
         };
+        // What its sources take in, and what this takes in.
+        let mut taken = BTreeSet::new();
+        loop {
+            let before = taken.len();
+            for Included { file, by, .. } in &self.included {
+                if taken.contains(by.as_str()) || is_own(by) {
+                    taken.insert(file.as_str());
+                }
+            }
+            if taken.len() == before {
+                break;
+            }
+        }
+        let is_input = |file: &&str| taken.contains(file) || is_own(file);
         files.iter().map(String::as_str).filter(is_input).collect()
     }
 
@@ -156,7 +175,7 @@ impl<'a> Judge<'a> {
         let packages = packages.map(|name| {
             format!(
                 "the package {name} belongs to no lane: name it in the `packages` of the lane in {LIST} that checks it, \
-                 or in those of `always` if `.ci/run` checks all of it with every change"
+                 or in those of `always` if none does"
             )
         });
         let files = files.iter().filter(|file| {

@@ -112,7 +112,7 @@ impl Patterns {
 }
 
 fn matches(pattern: &Pattern, file: &str) -> bool {
-    let options = MatchOptions { require_literal_separator: true, ..MatchOptions::default() };
+    let options = MatchOptions { require_literal_separator: true, ..MatchOptions::new() };
     pattern.matches_with(file, options)
 }
 
@@ -147,10 +147,15 @@ impl List {
         })
     }
 
+    /// Returns whether every lane depends on a file.
+    pub(crate) fn is_common(&self, file: &str) -> bool {
+        self.common.name(file)
+    }
+
     /// Returns whether a lane depends on a file; `is_in_package` says whether this lies in one of its packages.
     pub(super) fn depends(&self, lane: &Lane, file: &str, is_in_package: bool) -> bool {
         let is_excepted = self.except.name(file) || lane.except.name(file);
-        self.common.name(file) || lane.files.name(file) || (is_in_package && !is_excepted)
+        self.is_common(file) || lane.files.name(file) || (is_in_package && !is_excepted)
     }
 
     /// Returns whether a lane is defined as in another list, whatever its last green run.

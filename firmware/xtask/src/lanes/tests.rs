@@ -8,6 +8,7 @@ use std::path::Path;
 use super::due::{Judge, Reason};
 use super::list::{FILE, List, Record, TABLE, with_record};
 use super::{Args, run_lanes};
+use crate::included::{Included, included};
 use crate::marked;
 use crate::run;
 use crate::test_repository::TestRepository;
@@ -88,6 +89,7 @@ fn small() -> TestRepository {
         ),
         ("tool/src/lib.rs", plain("")),
         (".ci/check", plain("")),
+        (".ci/data", plain("")),
         (".ci/run", plain("")),
         (".gitignore", plain("/target\n/logs\n/Cargo.lock.orig\n")),
         ("Cargo.lock", plain(LOCK)),
@@ -106,7 +108,7 @@ except = ["**/*.md"]
 
 [always]
 packages = []
-files = [".ci/run", ".ci/lanes.toml", ".gitignore", "*.md", "Cargo.lock"]
+files = [".ci/run", ".ci/data", ".ci/lanes.toml", ".gitignore", "*.md", "Cargo.lock"]
 
 # Of the one.
 [[lane]]
@@ -190,6 +192,19 @@ dependencies = ["base"]
 #[test]
 fn nothing_is_due_after_a_green_run() {
     assert_eq!(small().due(), [""; 0]);
+}
+
+#[test]
+fn a_lane_is_due_when_something_changes_that_its_sources_take_in_wherever_it_lies() {
+    let clone = small();
+    clone.write("upper/src/lib.rs", "#[path = \"../inner/src/more.rs\"]\nmod more;\n");
+    clone
+        .write("upper/inner/src/more.rs", "const A: &str = include_str!(\"../../../.ci/data\");\n");
+    clone.commit();
+    clone.all_green();
+    assert_eq!(clone.due(), [""; 0]);
+    clone.write(".ci/data", "1\n");
+    assert_eq!(clone.due(), ["inner", "tool"]);
 }
 
 #[test]
@@ -442,7 +457,7 @@ fn a_run_during_which_its_inputs_changed_is_not_recorded() {
 /// Returns the clone that this program is built from; nothing where it was unpacked from an archive.
 fn here() -> Option<Tree> {
     let tree = Tree::new(&run::root());
-    tree.is_clone().then_some(tree)
+    tree.root().join(".git").exists().then_some(tree)
 }
 
 #[test]
@@ -488,6 +503,40 @@ fn what_the_lines_of_each_lane_here_name_is_what_it_depends_on() {
             assert!(is_input, "{} builds {package} and does not depend on it", lane.name);
         }
     }
+}
+
+#[test]
+fn every_script_here_is_run_by_a_lane_or_a_test() {
+    let Some(tree) = here() else { return };
+    let list = List::read(&tree).unwrap();
+    let files = tree.tracked().unwrap();
+    let of_shell = files.iter().filter(|file| file.starts_with(".ci/") && *file != FILE);
+    let sources = files.iter().filter(|file| file.ends_with(".rs"));
+    let texts = of_shell.chain(sources).filter_map(|it| tree.now(it));
+    let texts = texts.chain(list.lanes.iter().map(|lane| lane.run.join("\n")));
+    let is_comment = |line: &str| line.trim_start().starts_with(['#', '/']);
+    let lines: Vec<String> =
+        texts.flat_map(|it| it.lines().map(str::to_owned).collect::<Vec<_>>()).collect();
+    let lines: Vec<String> = lines.into_iter().filter(|line| !is_comment(line)).collect();
+    let is_script = |file: &&String| {
+        let name = Path::new(file.as_str());
+        let is_program = |text: String| text.starts_with("#!") || text.contains("\"__main__\"");
+        match name.extension().and_then(|it| it.to_str()) {
+            Some("sh" | "mjs") => true,
+            Some("py") => tree.now(file).is_some_and(is_program),
+            _ => false,
+        }
+    };
+    // By its name, as a module, or with all of its folder.
+    let is_run = |file: &str| {
+        let (folder, name) = file.rsplit_once('/').unwrap_or(("", file));
+        let (stem, ending) = name.rsplit_once('.').unwrap_or((name, ""));
+        let module = format!("{}.{stem}", folder.rsplit('/').next().unwrap_or(folder));
+        let ways = [name.to_owned(), module, format!("{folder}/*.{ending}")];
+        lines.iter().any(|line| ways.iter().any(|way| line.contains(way)))
+    };
+    let idle: Vec<&String> = files.iter().filter(is_script).filter(|file| !is_run(file)).collect();
+    assert!(idle.is_empty(), "no lane and no test runs {idle:?}");
 }
 
 #[test]
@@ -575,6 +624,19 @@ impl Witness {
                 common.contains(file) || named.contains(file) || (is_in_package && !is_excepted)
             };
             files.iter().filter(is_input).map(|(file, _)| file.clone()).collect()
+        };
+        // With what their sources take in, which is the same function's word here and there.
+        let files: Vec<String> = files.iter().map(|(file, _)| file.clone()).collect();
+        let included: Vec<Included> =
+            included(&clone.tree(), &files).into_iter().filter(Included::is_built).collect();
+        let of = |lane: &toml::Value| {
+            let mut inputs: BTreeSet<String> = of(lane);
+            while let Some(more) =
+                included.iter().find(|it| inputs.contains(&it.by) && !inputs.contains(&it.file))
+            {
+                inputs.insert(more.file.clone());
+            }
+            inputs
         };
         let named = |lane: &toml::Value| lane["name"].as_str().unwrap().to_owned();
         self.lanes().iter().map(|lane| (named(lane), of(lane))).collect()
