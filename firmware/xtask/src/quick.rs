@@ -3,8 +3,7 @@
 //! | step | of what |
 //! |---|---|
 //! | format | the workspace |
-//! | types | what changed, and all that needs it; cargo knows, and skips the rest. All of it after a change in what everything is
-//! built from: versions, features, the compiler |
+//! | types | what changed, and all that needs it; everything where versions or the compiler changed |
 //! | lints | the packages that changed |
 //! | tests | the packages that changed |
 //!
@@ -194,8 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_of_the_packages_that_are_built_from_them_and_pages_of_those_alone_that_take_them_in()
-     {
+    fn a_file_is_of_all_packages_built_from_it_and_a_page_of_those_that_take_it_in() {
         let workspace = Workspace::read(&run::root()).unwrap();
         let sources = ["firmware/xtask/src/chip.rs", "host/shell/src/lib.rs"].map(str::to_owned);
         let included = included(&Tree::new(&run::root()), &sources);

@@ -515,9 +515,8 @@ fn every_script_here_is_run_by_a_lane_or_a_test() {
     let texts = of_shell.chain(sources).filter_map(|it| tree.now(it));
     let texts = texts.chain(list.lanes.iter().map(|lane| lane.run.join("\n")));
     let is_comment = |line: &str| line.trim_start().starts_with(['#', '/']);
-    let lines: Vec<String> =
-        texts.flat_map(|it| it.lines().map(str::to_owned).collect::<Vec<_>>()).collect();
-    let lines: Vec<String> = lines.into_iter().filter(|line| !is_comment(line)).collect();
+    let text = texts.collect::<Vec<_>>().join("\n");
+    let lines: Vec<&str> = text.lines().filter(|line| !is_comment(line)).collect();
     let is_script = |file: &&String| {
         let name = Path::new(file.as_str());
         let is_program = |text: String| text.starts_with("#!") || text.contains("\"__main__\"");
