@@ -52,7 +52,7 @@ impl Tree {
             Err(error) => error.to_string(),
         };
         Err(Error::Sentence(format!(
-            "what changed is asked of git, which finds no commit in {}: clone the repository, or do as it says:\n{said}",
+            "what changed is asked of git, which finds no commit in {}: clone the repository, or do as git says:\n{said}",
             self.root.display()
         )))
     }

@@ -35,7 +35,7 @@ pub(crate) struct List {
     pub(super) lanes: Vec<Lane>,
 }
 
-/// What is checked with every change, so that it needs no lane.
+/// What no lane runs or reads: what is done with every change, pages, and files of other tools.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Always {

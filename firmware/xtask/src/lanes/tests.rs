@@ -502,6 +502,12 @@ fn what_the_lines_of_each_lane_here_name_is_what_it_depends_on() {
             let is_input = packages.contains(package);
             assert!(is_input, "{} builds {package} and does not depend on it", lane.name);
         }
+        // Any package may ask for a feature of what is built with all of them.
+        let manifests = workspace.names().filter_map(|name| workspace.folder(name));
+        let manifests: Vec<String> = manifests.map(|it| format!("{it}Cargo.toml")).collect();
+        let is_of_all = text.contains("--workspace") || text.contains("cargo xtask test");
+        let all = judge.inputs(lane, &manifests).len() == manifests.len();
+        assert!(all || !is_of_all, "{} builds with --workspace: name \"**/Cargo.toml\"", lane.name);
     }
 }
 
