@@ -107,6 +107,9 @@ def main():
     population = 4 + int(3 * numpy.log(unknowns))
     # A generation tries its candidates and the middle of the distribution.
     start, cost = 4 * unknowns, population + 1
+    least = start + 2 * cost
+    if args.budget < least:
+        parser.error(f"--budget is {args.budget}: give {least} at least, {start} random robots and two generations of {cost}")
     generations = range(0, (args.budget - start) // cost + 1, 2)
     held = [start + cost * generation for generation in generations]
     rows = []

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use flix_host::commission::{CommissionError, Finding, Phase};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::unknown_motors::{Watched, known, unknown_motors};
@@ -72,7 +73,7 @@ impl Wiring {
 pub fn search(seed: u64) -> Result<Vec<Searched>, BenchError> {
     let model = unknown_motors(seed);
     faults(&model, seed)
-        .into_iter()
+        .into_par_iter()
         .map(|(kind, fault)| {
             let mut model = model.clone();
             if kind == "divider" {

@@ -19,14 +19,18 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Opens a browser. `None` where none is installed.
-    pub fn open() -> Outcome<Option<Self>> {
-        let driver = Command::new("chromedriver")
+    /// Returns whether one is installed.
+    pub fn is_installed() -> bool {
+        Command::new("chromedriver").arg("--version").output().is_ok()
+    }
+
+    /// Opens a browser.
+    pub fn open() -> Outcome<Self> {
+        let mut driver = Command::new("chromedriver")
             .arg("--port=0")
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
-            .spawn();
-        let Ok(mut driver) = driver else { return Ok(None) };
+            .spawn()?;
         let mut lines = BufReader::new(driver.stdout.take().ok_or("no output")?).lines();
         let port = loop {
             let line = lines.next().ok_or("chromedriver has no port")??;
@@ -43,7 +47,7 @@ impl Browser {
             json!({ "capabilities": { "alwaysMatch": { "goog:chromeOptions": options } } });
         let session = browser.call("POST", "/session", &wanted)?;
         browser.session = session["sessionId"].as_str().ok_or("no session")?.to_owned();
-        Ok(Some(browser))
+        Ok(browser)
     }
 
     /// Opens a page.

@@ -7,8 +7,9 @@
 mod browser;
 mod page;
 
-use std::io::{BufReader, Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
+use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant as WallClock};
@@ -68,13 +69,45 @@ fn main() -> ExitCode {
     if filters.peek().is_some() && !filters.any(|filter| "cockpit".contains(filter.as_str())) {
         return ExitCode::SUCCESS;
     }
-    match with_a_robot() {
+    match try_all() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("cockpit: {error}");
             ExitCode::FAILURE
         }
     }
+}
+
+/// Tries each program with a robot of its own, side by side: they wait most of their time.
+fn try_all() -> Outcome<()> {
+    let desks = if has_browser()? { DESKS } else { &[] };
+    std::thread::scope(|scope| {
+        let said = |tried: Outcome<()>| tried.map_err(|error| error.to_string());
+        let mut tried = vec![scope.spawn(move || said(with_a_robot(&[], without_a_page)))];
+        tried.extend(desks.iter().map(|(options, tests)| {
+            scope.spawn(move || said(with_a_robot(options, |program| try_pages(program, tests))))
+        }));
+        let failed = tried
+            .into_iter()
+            .filter_map(|it| it.join().unwrap_or_else(|_| Err("a test panicked".to_owned())).err());
+        let failed = failed.collect::<Vec<_>>().join("\ncockpit: ");
+        if failed.is_empty() { Ok(()) } else { Err(failed.into()) }
+    })
+}
+
+/// Returns whether there is a browser, unless it is to be skipped.
+fn has_browser() -> Outcome<bool> {
+    let why = if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
+        "FLIX_WITHOUT_BROWSER is set"
+    } else if Browser::is_installed() {
+        return Ok(true);
+    } else if std::env::var_os("FLIX_REQUIRE_BROWSER").is_some() {
+        return Err("no chromedriver: install `chromium` and `chromium-driver`".into());
+    } else {
+        "no chromedriver; install `chromium` and `chromium-driver`"
+    };
+    println!("skipped the pages: {why}");
+    Ok(false)
 }
 
 /// What the robot does, as the simulator knows it.
@@ -84,10 +117,19 @@ struct Seen {
     frequency: f64,
     /// When a rotor last turned.
     moved: Instant,
+    /// When it last did not walk.
+    slow: Instant,
 }
 
-/// Serves a robot while the pages are tried.
-fn with_a_robot() -> Outcome<()> {
+/// The program `flix cockpit`, and the robot that it drives.
+struct Program {
+    id: u32,
+    url: String,
+    seen: Arc<Mutex<Seen>>,
+}
+
+/// Serves a robot while a cockpit with these options is tried.
+fn with_a_robot(options: &[&str], try_program: impl FnOnce(Program) -> Outcome<()>) -> Outcome<()> {
     let key = Key::new([0x5a; 32]);
     let model = RobotModel::named("bench-fixed")?;
     let mut parameters = RobotParameters::of(&model.electrical, key.clone(), SEED)?;
@@ -99,7 +141,8 @@ fn with_a_robot() -> Outcome<()> {
     keys::write_new(&key_file, &key)?;
     let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
     let address = socket.local_addr()?.to_string();
-    let start = Seen { now: Instant::START, frequency: 0.0, moved: Instant::START };
+    let start =
+        Seen { now: Instant::START, frequency: 0.0, moved: Instant::START, slow: Instant::START };
     let seen = Arc::new(Mutex::new(start));
     let interrupt = Interrupt::never();
     let server = std::thread::spawn({
@@ -109,30 +152,41 @@ fn with_a_robot() -> Outcome<()> {
                 let (now, truth) = (robot.now(), robot.truth());
                 if let Ok(mut seen) = seen.lock() {
                     let moved = if truth.is_slower_than(REST_HZ) { seen.moved } else { now };
-                    *seen = Seen { now, frequency: truth.frequency(), moved };
+                    let frequency = truth.frequency();
+                    let slow = if frequency.abs() > WALKING_HZ { seen.slow } else { now };
+                    *seen = Seen { now, frequency, moved, slow };
                 }
                 Ok(())
             })
         }
     });
-    let cockpit = |option: &[&str], tests: &[Test]| {
-        let mut program = Command::new(std::env::current_exe()?)
-            .args(["cockpit", &address, "--bind", "127.0.0.1:0", "--key"])
-            .arg(&key_file)
-            .args(option)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .spawn()?;
-        let tried = program.stdout.take().ok_or("no output".into()).and_then(|output| {
-            try_pages(BufReader::new(output), Arc::clone(&seen), program.id(), tests)
-        });
-        end(&mut program)?;
+    let tried = cockpit(&address, &key_file, options).and_then(|(mut child, url)| {
+        let tried = try_program(Program { id: child.id(), url, seen });
+        end(&mut child)?;
         tried
-    };
-    let tried = cockpit(&[], TESTS).and_then(|()| cockpit(&["--hold-to-run"], &HELD));
+    });
     interrupt.raise();
     server.join().map_err(|_| "the robot panicked")??;
     tried
+}
+
+/// Starts `flix cockpit`, and returns it with the address of its page.
+fn cockpit(robot: &str, key_file: &Path, options: &[&str]) -> Outcome<(Child, String)> {
+    let mut program = Command::new(std::env::current_exe()?)
+        .args(["cockpit", robot, "--bind", "127.0.0.1:0", "--key"])
+        .arg(key_file)
+        .args(options)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()?;
+    let mut line = String::new();
+    if let Some(output) = &mut program.stdout {
+        BufReader::new(output).read_line(&mut line)?;
+    }
+    match line.trim().strip_prefix("open ") {
+        Some(url) => Ok((program, url.to_owned())),
+        None => end(&mut program).and_then(|()| Err("no address".into())),
+    }
 }
 
 fn end(program: &mut Child) -> Outcome<()> {
@@ -142,50 +196,50 @@ fn end(program: &mut Child) -> Outcome<()> {
 }
 
 type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
-const TESTS: &[Test] = &[
-    ("small_screens_show_values_and_stop_whole", Desk::screens),
-    ("the_scope_shows_its_channels", Desk::scope),
-    ("settings_are_read_and_changed", Desk::settings),
-    ("keys_drive_and_the_space_bar_stops", Desk::keys),
-    ("a_finger_drives_and_stops", Desk::finger),
-    ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
-    ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
-    ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
-    ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
-    #[cfg(unix)]
-    ("a_page_without_an_answer_says_so_and_stops_as_soon_as_it_can", Desk::silent_program),
-    ("a_stop_that_is_lost_is_said_and_sent_again_whatever_is_shown", Desk::lost_stop),
-    ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
-    ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
+/// What is tried one after the other with one robot, with the options of its program. Each takes about the same time.
+const DESKS: &[(&[&str], &[Test])] = &[
+    (
+        &[],
+        &[
+            ("small_screens_show_values_and_stop_whole", Desk::screens),
+            ("the_scope_shows_its_channels", Desk::scope),
+            ("settings_are_read_and_changed", Desk::settings),
+            ("keys_drive_and_the_space_bar_stops", Desk::keys),
+            ("a_finger_drives_and_stops", Desk::finger),
+            ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
+        ],
+    ),
+    (
+        &[],
+        &[
+            ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
+            ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
+            ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
+        ],
+    ),
+    (
+        &[],
+        &[
+            ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
+            #[cfg(unix)]
+            ("a_page_without_an_answer_says_so_and_stops_as_soon_as_it_can", Desk::silent_program),
+            ("a_stop_that_is_lost_is_said_and_sent_again_whatever_is_shown", Desk::lost_stop),
+            ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
+        ],
+    ),
+    (&["--hold-to-run"], &[("a_walk_that_is_held_ends_when_it_is_released", Desk::held)]),
 ];
-/// With `--hold-to-run`.
-const HELD: [Test; 1] = [("a_walk_that_is_held_ends_when_it_is_released", Desk::held)];
 
-fn try_pages(
-    mut output: impl std::io::BufRead,
-    seen: Arc<Mutex<Seen>>,
-    program: u32,
-    tests: &[Test],
-) -> Outcome<()> {
-    let mut line = String::new();
-    output.read_line(&mut line)?;
-    let url = line.trim().strip_prefix("open ").ok_or("no address")?.to_owned();
-    strangers_are_refused(&url)?;
+fn without_a_page(program: Program) -> Outcome<()> {
+    strangers_are_refused(&program.url)?;
     println!("test strangers_are_refused ... ok");
-    idle_and_slow_sockets_keep_no_page_from_stopping(&url, program)?;
+    idle_and_slow_sockets_keep_no_page_from_stopping(&program)?;
     println!("test idle_and_slow_sockets_keep_no_page_from_stopping ... ok");
-    if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
-        println!("skipped the pages: FLIX_WITHOUT_BROWSER is set");
-        return Ok(());
-    }
-    let Some(browser) = Browser::open()? else {
-        if std::env::var_os("FLIX_REQUIRE_BROWSER").is_some() {
-            return Err("no chromedriver: install `chromium` and `chromium-driver`".into());
-        }
-        println!("skipped the pages: no chromedriver; install `chromium` and `chromium-driver`");
-        return Ok(());
-    };
-    let mut desk = Desk { browser, seen, url, program };
+    Ok(())
+}
+
+fn try_pages(program: Program, tests: &[Test]) -> Outcome<()> {
+    let mut desk = Desk { browser: Browser::open()?, program };
     for (name, test) in tests {
         let verdict = test(&mut desk);
         println!("test {name} ... {}", if verdict.is_ok() { "ok" } else { "FAILED" });
@@ -226,10 +280,11 @@ fn strangers_are_refused(url: &str) -> Outcome<()> {
 }
 
 /// Opens more sockets than the program has descriptors, some of which say something slowly, as whoever can reach the port.
-fn idle_and_slow_sockets_keep_no_page_from_stopping(url: &str, program: u32) -> Outcome<()> {
+fn idle_and_slow_sockets_keep_no_page_from_stopping(program: &Program) -> Outcome<()> {
+    let url = program.url.as_str();
     let (host, path) =
         url.strip_prefix("http://").and_then(|it| it.split_once('/')).ok_or("no path")?;
-    leave_descriptors(program)?;
+    leave_descriptors(program.id)?;
     let mut page = Page::open(url)?;
     page.until("rest", "disarmed")?;
     let mut sockets = Vec::new();
@@ -296,14 +351,12 @@ fn status(to: &str, path: &str, host: &str, origin: Option<&str>) -> Outcome<u16
 /// A browser, and the robot that it drives.
 struct Desk {
     browser: Browser,
-    seen: Arc<Mutex<Seen>>,
-    url: String,
-    program: u32,
+    program: Program,
 }
 
 impl Desk {
     fn seen(&self) -> Outcome<Seen> {
-        self.seen.lock().map(|seen| *seen).map_err(|_| "the robot panicked".into())
+        self.program.seen.lock().map(|seen| *seen).map_err(|_| "the robot panicked".into())
     }
 
     fn until(&self, what: &str, is_so: impl Fn(&Self) -> Outcome<bool>) -> Outcome<()> {
@@ -345,8 +398,13 @@ impl Desk {
     }
 
     fn walk(&self, command: impl Fn(&Self) -> Outcome<()>) -> Outcome<()> {
+        self.walk_for(Duration::ZERO, command)
+    }
+
+    fn walk_for(&self, time: Duration, command: impl Fn(&Self) -> Outcome<()>) -> Outcome<()> {
         let armed = |desk: &Self| desk.until_armed().and_then(|()| command(desk));
-        self.command("walking", armed, |desk| Ok(desk.seen()?.frequency.abs() > WALKING_HZ))
+        let walks = |seen: Seen| seen.now.since(seen.slow) > time;
+        self.command("walking", armed, |desk| desk.seen().map(walks))
     }
 
     fn state(&self) -> Outcome<serde_json::Value> {
@@ -372,7 +430,7 @@ impl Desk {
 
     /// Opens the page, and arms by keyboard whatever was before.
     fn arm(&self) -> Outcome<()> {
-        self.browser.go(&self.url)?;
+        self.browser.go(&self.program.url)?;
         self.until("connected", |desk| {
             desk.browser
                 .run("return document.querySelector('[data-do=arm]').disabled === false")
@@ -390,7 +448,6 @@ impl Desk {
     fn rests_since(&self, left: Instant) -> Outcome<()> {
         self.until("a while later", |desk| Ok(desk.seen()?.now.since(left) > REST_WITHIN + STAYS))?;
         let moved = self.seen()?.moved.since(left);
-        println!("     at rest after {moved:?}");
         if moved > REST_WITHIN { Err(format!("moved for {moved:?}").into()) } else { Ok(()) }
     }
 
@@ -414,7 +471,7 @@ impl Desk {
     }
 
     fn settings(&mut self) -> Outcome<()> {
-        self.browser.go(&self.url)?;
+        self.browser.go(&self.program.url)?;
         // What is shown first moves the page under a finger.
         self.until("open settings", |desk| {
             let is_open = "return document.getElementById('settings').open";
@@ -534,12 +591,7 @@ impl Desk {
                 None => desk.browser.point("mouse", by, &["pointerUp"]),
             };
             // On a busy machine a command may not be done, or the robot rests.
-            self.walk(|desk| hold(desk, false).and_then(|()| hold(desk, true)))?;
-            let begun = self.seen()?.now;
-            self.until("a while later", |desk| Ok(desk.seen()?.now.since(begun) > STAYS))?;
-            if self.seen()?.frequency.abs() < WALKING_HZ {
-                return Err(format!("{by} is held, and the robot does not walk").into());
-            }
+            self.walk_for(STAYS, |desk| hold(desk, false).and_then(|()| hold(desk, true)))?;
             let left = self.seen()?.now;
             hold(self, false)?;
             self.rests_since(left)?;
@@ -802,7 +854,7 @@ impl Desk {
         self.walk(|desk| desk.browser.press('w'))?;
         let left = self.seen()?.now;
         self.browser.run(NOTE_WHAT_IS_DONE)?;
-        hang(self.program, true)?;
+        hang(self.program.id, true)?;
         let silent = self
             .until_banner("No connection")
             .and_then(|()| self.browser.touch("#stop"))
@@ -812,7 +864,7 @@ impl Desk {
                 let first = |desk: &Self| desk.browser.run("return window.done.slice(0, 2).join()");
                 self.until("says so, then gives up", |desk| Ok(first(desk)? == "says so,gives up"))
             });
-        hang(self.program, false)?;
+        hang(self.program.id, false)?;
         silent?;
         self.rests_since(left)?;
         self.until_text("state", "stopped")
@@ -824,7 +876,7 @@ impl Desk {
         let first = self.browser.window()?;
         let second = self.browser.open_window()?;
         self.browser.switch(&second)?;
-        self.browser.go(&self.url)?;
+        self.browser.go(&self.program.url)?;
         self.until("watching", |desk| {
             let text =
                 desk.browser.run("return document.getElementById('banner-text').textContent")?;
