@@ -111,7 +111,7 @@ fn track_with(process: &str, script: &str) -> (Option<i32>, serde_json::Value, S
 
 #[test]
 fn the_controller_of_the_guide_follows_a_path() {
-    let process = concat!("python3 ", env!("CARGO_MANIFEST_DIR"), "/../examples/follow.py");
+    let process = concat!("python3 '", env!("CARGO_MANIFEST_DIR"), "/../examples/follow.py'");
     let (code, report, said) = track_with(process, "");
     assert_eq!((code, &report["finished"]), (Some(0), &true.into()), "{report} {said}");
     assert!(report["path_error_rms_mm"].as_f64().is_some_and(|error| error < 60.0), "{report}");
