@@ -368,8 +368,11 @@ fn warm(workspace: &Workspace, packages: &[String]) -> Result<(), Error> {
     Build::run(&folder, testing(&wanted).arg("--no-run"))?;
     let mut changes = Vec::new();
     for name in workspace.names().filter(|name| wanted.is_empty() || wanted.contains(name)) {
-        let _edited = Edited::new(workspace, name)?;
+        let edited = Edited::new(workspace, name)?;
         changes.push((name, Build::run(&folder, testing(&wanted).arg("--no-run"))?));
+        drop(edited);
+        // As it was again: else that would count for the next.
+        Build::run(&folder, testing(&wanted).arg("--no-run"))?;
     }
     let changes = table_of_changes(&changes);
     println!("{circumstances}:\n\n{changes}");
