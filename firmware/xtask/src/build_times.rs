@@ -112,7 +112,7 @@ impl Build {
     }
 
     fn total(&self) -> f64 {
-        self.packages.values().sum()
+        self.packages.values().fold(0.0, |sum, seconds| sum + seconds)
     }
 
     /// Returns the seconds of one of our packages.
