@@ -112,6 +112,7 @@ impl Build {
     }
 
     fn total(&self) -> f64 {
+        // A sum of none would be -0.0.
         self.packages.values().fold(0.0, |sum, seconds| sum + seconds)
     }
 
@@ -364,15 +365,16 @@ fn warm(workspace: &Workspace, packages: &[String]) -> Result<(), Error> {
         signal_hook::flag::register(signal, Arc::default())
             .map_err(|error| Error::Sentence(format!("signals cannot be handled: {error}")))?;
     }
+    let build = || Build::run(&folder, testing(&wanted).arg("--no-run"));
     // Whatever is not built yet is not counted.
-    Build::run(&folder, testing(&wanted).arg("--no-run"))?;
+    build()?;
     let mut changes = Vec::new();
     for name in workspace.names().filter(|name| wanted.is_empty() || wanted.contains(name)) {
         let edited = Edited::new(workspace, name)?;
-        changes.push((name, Build::run(&folder, testing(&wanted).arg("--no-run"))?));
+        changes.push((name, build()?));
         drop(edited);
         // As it was again: else that would count for the next.
-        Build::run(&folder, testing(&wanted).arg("--no-run"))?;
+        build()?;
     }
     let changes = table_of_changes(&changes);
     println!("{circumstances}:\n\n{changes}");

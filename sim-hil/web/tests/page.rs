@@ -28,22 +28,15 @@ const ENTER: char = '\u{e007}';
 
 /// Opens the page; nothing where it is to be skipped.
 fn open() -> Outcome<Option<Browser>> {
-    if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
-        return Ok(None);
-    }
     let target = Path::new(env!("CARGO_BIN_EXE_flix-web")).ancestors().nth(2).ok_or("no target")?;
     let page = target.join("site/index.html");
-    if page.exists() && Browser::is_installed() {
-        let browser = Browser::open()?;
-        browser.go(&format!("file://{}", page.display()))?;
-        return Ok(Some(browser));
+    let missing = "no page (`cargo xtask web`) or no browser (`apt install chromium-driver`)";
+    if !Browser::is_to_be_tried(page.exists(), missing)? {
+        return Ok(None);
     }
-    let without = "no page (`cargo xtask web`) or no browser (`apt install chromium-driver`)";
-    if std::env::var_os("FLIX_REQUIRE_BROWSER").is_some() {
-        return Err(without.into());
-    }
-    println!("skipped: {without}");
-    Ok(None)
+    let browser = Browser::open()?;
+    browser.go(&format!("file://{}", page.display()))?;
+    Ok(Some(browser))
 }
 
 /// Looks until a JavaScript expression is true.

@@ -19,9 +19,23 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Returns whether one is installed.
-    pub fn is_installed() -> bool {
-        Command::new("chromedriver").arg("--version").output().is_ok()
+    /// Returns whether to try pages: not without a browser or whatever else they need, of which `missing` says how to get it.
+    ///
+    /// # Errors
+    /// Where one is required (FLIX_REQUIRE_BROWSER) and something is missing.
+    pub fn is_to_be_tried(has_all_else: bool, missing: &str) -> Outcome<bool> {
+        let is_installed = || Command::new("chromedriver").arg("--version").output().is_ok();
+        let why = if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
+            "FLIX_WITHOUT_BROWSER is set"
+        } else if has_all_else && is_installed() {
+            return Ok(true);
+        } else if std::env::var_os("FLIX_REQUIRE_BROWSER").is_some() {
+            return Err(missing.into());
+        } else {
+            missing
+        };
+        println!("skipped the pages: {why}");
+        Ok(false)
     }
 
     /// Opens a browser.

@@ -80,34 +80,22 @@ fn main() -> ExitCode {
 
 /// Tries each program with a robot of its own, side by side: they wait most of their time.
 fn try_all() -> Outcome<()> {
-    let desks = if has_browser()? { DESKS } else { &[] };
+    let missing = "no chromedriver: install `chromium` and `chromium-driver`";
+    let has_browser = Browser::is_to_be_tried(true, missing)?;
     std::thread::scope(|scope| {
         let said = |tried: Outcome<()>| tried.map_err(|error| error.to_string());
-        let mut tried = vec![scope.spawn(move || said(with_a_robot(&[], without_a_page)))];
-        tried.extend(desks.iter().map(|(options, tests)| {
-            scope.spawn(move || said(with_a_robot(options, |program| try_pages(program, tests))))
-        }));
+        let start = |(options, tests): &'static (&[&str], &[Test])| {
+            let tests = if has_browser { Some(*tests) } else { None };
+            scope.spawn(move || said(with_a_robot(options, |program| try_program(program, tests))))
+        };
+        // All are started before the first is waited for.
+        let tried: Vec<_> = DESKS.iter().map(start).collect();
         let failed = tried
             .into_iter()
             .filter_map(|it| it.join().unwrap_or_else(|_| Err("a test panicked".to_owned())).err());
         let failed = failed.collect::<Vec<_>>().join("\ncockpit: ");
         if failed.is_empty() { Ok(()) } else { Err(failed.into()) }
     })
-}
-
-/// Returns whether there is a browser, unless it is to be skipped.
-fn has_browser() -> Outcome<bool> {
-    let why = if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
-        "FLIX_WITHOUT_BROWSER is set"
-    } else if Browser::is_installed() {
-        return Ok(true);
-    } else if std::env::var_os("FLIX_REQUIRE_BROWSER").is_some() {
-        return Err("no chromedriver: install `chromium` and `chromium-driver`".into());
-    } else {
-        "no chromedriver; install `chromium` and `chromium-driver`"
-    };
-    println!("skipped the pages: {why}");
-    Ok(false)
 }
 
 /// What the robot does, as the simulator knows it.
@@ -129,7 +117,7 @@ struct Program {
 }
 
 /// Serves a robot while a cockpit with these options is tried.
-fn with_a_robot(options: &[&str], try_program: impl FnOnce(Program) -> Outcome<()>) -> Outcome<()> {
+fn with_a_robot(options: &[&str], use_program: impl FnOnce(Program) -> Outcome<()>) -> Outcome<()> {
     let key = Key::new([0x5a; 32]);
     let model = RobotModel::named("bench-fixed")?;
     let mut parameters = RobotParameters::of(&model.electrical, key.clone(), SEED)?;
@@ -161,7 +149,7 @@ fn with_a_robot(options: &[&str], try_program: impl FnOnce(Program) -> Outcome<(
         }
     });
     let tried = cockpit(&address, &key_file, options).and_then(|(mut child, url)| {
-        let tried = try_program(Program { id: child.id(), url, seen });
+        let tried = use_program(Program { id: child.id(), url, seen });
         end(&mut child)?;
         tried
     });
@@ -180,12 +168,10 @@ fn cockpit(robot: &str, key_file: &Path, options: &[&str]) -> Outcome<(Child, St
         .stdout(Stdio::piped())
         .spawn()?;
     let mut line = String::new();
-    if let Some(output) = &mut program.stdout {
-        BufReader::new(output).read_line(&mut line)?;
-    }
+    let read = program.stdout.as_mut().map(|output| BufReader::new(output).read_line(&mut line));
     match line.trim().strip_prefix("open ") {
         Some(url) => Ok((program, url.to_owned())),
-        None => end(&mut program).and_then(|()| Err("no address".into())),
+        None => end(&mut program).and_then(|()| Err(format!("no address: {read:?}").into())),
     }
 }
 
@@ -230,15 +216,13 @@ const DESKS: &[(&[&str], &[Test])] = &[
     (&["--hold-to-run"], &[("a_walk_that_is_held_ends_when_it_is_released", Desk::held)]),
 ];
 
-fn without_a_page(program: Program) -> Outcome<()> {
+/// Tries what needs no browser, then pages, where there is one.
+fn try_program(program: Program, pages: Option<&[Test]>) -> Outcome<()> {
     strangers_are_refused(&program.url)?;
     println!("test strangers_are_refused ... ok");
     idle_and_slow_sockets_keep_no_page_from_stopping(&program)?;
     println!("test idle_and_slow_sockets_keep_no_page_from_stopping ... ok");
-    Ok(())
-}
-
-fn try_pages(program: Program, tests: &[Test]) -> Outcome<()> {
+    let Some(tests) = pages else { return Ok(()) };
     let mut desk = Desk { browser: Browser::open()?, program };
     for (name, test) in tests {
         let verdict = test(&mut desk);
