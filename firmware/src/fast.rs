@@ -26,6 +26,6 @@ mod monitor;
 pub mod reference;
 mod shaker;
 mod standstill_and_zero;
-mod supervisor;
+pub(crate) mod supervisor;
 mod tracker;
 mod trial;

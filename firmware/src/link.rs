@@ -27,6 +27,8 @@
 //! and no panic on any input.
 
 mod readiness;
+#[cfg(test)]
+mod table;
 
 use core::borrow::BorrowMut;
 use core::net::SocketAddr;
