@@ -46,7 +46,7 @@ use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
 use crate::blackbox::{BlackBox, RUN_BYTES};
-use crate::fast::exchange::{Asked, EventCounters, Report, Requests};
+use crate::fast::exchange::{Asked, EventCounters, Report, Wanted};
 use crate::hardware::{Hardware, SettingsStore};
 use crate::scope::{Memory, Scope};
 use crate::settings::{self, Settings, Tuning, text};
@@ -276,6 +276,7 @@ impl Link {
             }
             RobotReceived::Stop(answer, operator) => {
                 self.stop(now, Some(operator));
+                self.asked.halts = self.asked.halts.wrapping_add(1);
                 self.stop_from_outside = Some(self.halt());
                 // Who knows of this knows of the fault before.
                 self.fault = self.fault.and(self.stop_from_outside);
@@ -371,6 +372,11 @@ impl Link {
         if new.link_lost != old.link_lost && !last.state.is_idle() && !self.ramps_down {
             self.halt();
         }
+        // A request to begin counts once, not until the link allows it.
+        let is_looked_at = report.obeyed == self.asked.number;
+        if is_looked_at && report.state == State::Disarmed && self.is_beginning() {
+            self.asked.wanted = Wanted::Off;
+        }
         let silences = |of: &EventCounters| [of.command_deadline, of.command_age];
         self.note_rest(last.state, silences(new) != silences(old));
         if self.is_at_rest() {
@@ -410,6 +416,7 @@ impl Link {
     /// Disarms for another operator, or none: the robot obeys them only from arming on.
     fn change_operator(&mut self) {
         self.disarm();
+        self.asked.halts = self.asked.halts.wrapping_add(1);
         self.steadiness = Steadiness::default();
         self.is_slow = false;
         self.halts = 0;
@@ -532,7 +539,10 @@ impl Link {
                 }
                 self.has_rested &= !is_anew;
                 self.intent = Some(intent);
-                self.asked.set(&setpoint, is_anew);
+                if is_anew {
+                    self.asked.want(Wanted::Shake, self.report.permit);
+                }
+                self.asked.set(&setpoint);
                 self.setpoint = setpoint;
                 Ok(())
             }
@@ -554,7 +564,7 @@ impl Link {
         self.check_heard(halts)?;
         self.check_settings(settings)?;
         self.prepare_to_drive(now)?;
-        self.asked.requests.arm = self.asked.requests.arm.wrapping_add(1);
+        self.asked.want(Wanted::Arm, self.report.permit);
         // Whoever arms wants movement.
         self.intent = None;
         Ok(())
@@ -609,7 +619,7 @@ impl Link {
         self.prepare_to_drive(now)?;
         self.tried = Some(request);
         self.asked.trial = Some(trial);
-        self.asked.requests.trial = self.asked.requests.trial.wrapping_add(1);
+        self.asked.want(Wanted::Try, self.report.permit);
         Ok(bridges)
     }
 
@@ -624,6 +634,7 @@ impl Link {
             return Err(Refusal::LinkUnproven);
         }
         self.asked.frequency = Speed::ZERO;
+        self.asked.begins = true;
         self.note_sign_of_life(now);
         Ok(())
     }
@@ -631,18 +642,25 @@ impl Link {
     /// Returns whether the fast half is idle and nothing on its way could change that, however old its
     /// report is: it starts to move only when it is asked to arm, or for a trial.
     fn is_at_rest(&self) -> bool {
-        let (asked, obeyed) = (self.asked.requests, self.report.obeyed);
-        let moves = |it: Requests| [it.arm, it.disarm, it.stop, it.trial];
-        moves(asked) == moves(obeyed) && self.report.state.is_idle()
+        let Asked { number, stops, halts, .. } = self.asked;
+        let report = &self.report;
+        let is_obeyed = (number, stops, halts) == (report.obeyed, report.stops, report.halts);
+        is_obeyed && !self.is_beginning() && report.state.is_idle()
+    }
+
+    /// Returns whether the order in force may begin to drive the motors.
+    fn is_beginning(&self) -> bool {
+        let Asked { wanted, permit, .. } = self.asked;
+        matches!(wanted, Wanted::Arm | Wanted::Try)
+            && permit == self.report.permit
+            && !self.report.stopped
     }
 
     /// Asks the fast half to disarm. A robot at rest has nothing to ramp down: it can be armed at once again.
     fn disarm(&mut self) {
         self.setpoint = Setpoint::REST;
-        if !self.is_at_rest() {
-            self.asked.requests.disarm = self.asked.requests.disarm.wrapping_add(1);
-            self.ramps_down = true;
-        }
+        self.ramps_down |= !self.is_at_rest();
+        self.asked.want(Wanted::Off, self.report.permit);
     }
 
     /// Asks the fast half to stop. Who latched the stop is who asked first.
@@ -651,7 +669,8 @@ impl Link {
             self.stopped_by = by;
         }
         self.stopped_at = now;
-        self.asked.requests.stop = self.asked.requests.stop.wrapping_add(1);
+        self.asked.stops = self.asked.stops.wrapping_add(1);
+        self.asked.want(Wanted::Off, self.report.permit);
         self.ramps_down = true;
         self.setpoint = Setpoint::REST;
     }
@@ -671,7 +690,10 @@ impl Link {
             return Err(Refusal::State(State::Stopping));
         }
         (self.stop_from_outside, self.fault) = (None, None);
-        self.asked.requests.clear = self.asked.requests.clear.wrapping_add(1);
+        // While the motors are driven nothing is latched.
+        if self.report.state.is_idle() && !self.is_beginning() {
+            self.asked.want(Wanted::Clear, self.report.permit);
+        }
         Ok(())
     }
 
@@ -685,7 +707,7 @@ impl Link {
     fn check_cleared(&self) -> Result<(), Refusal> {
         if self.report.faults != Faults::NONE {
             Err(Refusal::Faulted(self.report.faults))
-        } else if self.report.stopped || self.asked.requests.stop != self.report.obeyed.stop {
+        } else if self.report.stopped || self.asked.stops != self.report.stops {
             Err(Refusal::Stopped)
         } else {
             Ok(())
@@ -745,11 +767,9 @@ impl Link {
     /// Accepts a change of settings, or writing flash, only while the motors are not driven, nor may be before the fast
     /// half reports again.
     fn check_idle(&self) -> Result<(), Refusal> {
-        let (asked, obeyed) = (&self.asked.requests, &self.report.obeyed);
-        let begins = asked.arm != obeyed.arm || asked.trial != obeyed.trial;
         match self.report.state {
             state if !state.is_idle() => Err(Refusal::State(state)),
-            _ if begins => Err(Refusal::State(State::Aligning)),
+            _ if self.is_beginning() => Err(Refusal::State(State::Aligning)),
             _ => Ok(()),
         }
     }

@@ -98,9 +98,9 @@ pub fn decode<T: DeserializeOwned, E>(
 mod tests {
     use super::*;
     use crate::board::BOARDS;
-    use crate::fast::exchange::Requests;
+    use crate::fast::exchange::Wanted;
     use crate::units::RotorAngle;
-    use flix_protocol::message::{Pattern, Trial};
+    use flix_protocol::message::{Pattern, Permit, Trial};
 
     use crate::hardware::{Bridge, Duty, Encoder, EncoderAngle, EncoderReading, Hardware, Magnet};
     use std::io::Read;
@@ -128,12 +128,14 @@ mod tests {
                 bus_voltage: Some(0xABCD),
             },
             asked: Asked {
+                wanted: Wanted::Try,
+                permit: Permit::new(u32::MAX),
+                number: u32::MAX,
+                begins: true,
                 frequency: Speed::from_raw(i32::MIN),
                 direction: RotorAngle::from_raw(u32::MAX),
-                anew: u16::MAX,
                 heard: Instant::from_micros(u64::MAX),
                 expires: Instant::from_micros(u64::MAX),
-                requests: Requests { arm: 1, disarm: 2, stop: 3, clear: 4, trial: 5 },
                 trial: Some(Trial {
                     motors: [true, false],
                     current_ma: u16::MAX,
@@ -141,6 +143,8 @@ mod tests {
                     pattern: Pattern::Turn(i16::MIN),
                     ticks: u16::MAX,
                 }),
+                stops: 3,
+                halts: 4,
                 period: 5,
             },
             outcome: Outcome {

@@ -7,7 +7,7 @@ use core::time::Duration;
 use crate::no_store::NoStore;
 use flix_firmware::blackbox::{self, Kept};
 use flix_firmware::board::{DENGFOC_V3_01, GENERIC_ESP32C6};
-use flix_firmware::fast::exchange::{EventCounters, MotorReport, Report, Requests};
+use flix_firmware::fast::exchange::{Asked, EventCounters, MotorReport, Report, Wanted};
 use flix_firmware::hardware::Hardware;
 use flix_firmware::link::{EVENTS, Link, bridges, identity};
 use flix_firmware::robot::Robot;
@@ -17,8 +17,8 @@ use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
     Command, Event, Fault, Faults, Identity, Magnet, Mark, Name, OperatorName, Outcome,
-    PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Refusal, ResetReason, ScopeCommand, ScopePlan,
-    Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
+    PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Permit, Refusal, ResetReason, ScopeCommand,
+    ScopePlan, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
 };
 use flix_protocol::session::{
     ConnectError, Key, Operator, OperatorReceived, OperatorSession, Operators, STOP_RETRY, Status,
@@ -187,9 +187,15 @@ impl Ends {
         }
     }
 
+    /// Returns the order in force, and how many stops are to latch.
+    fn asked(&self) -> (Wanted, u8) {
+        (self.link.asked().wanted, self.link.asked().stops)
+    }
+
     fn observe(&mut self, change: impl FnOnce(&mut Report)) {
         self.report.time = self.now;
-        self.report.obeyed = self.link.asked().requests;
+        let Asked { number, stops, halts, .. } = *self.link.asked();
+        (self.report.obeyed, self.report.stops, self.report.halts) = (number, stops, halts);
         change(&mut self.report);
         self.link.observe(&self.report);
     }
@@ -203,28 +209,22 @@ impl Ends {
 #[test]
 fn each_state_accepts_what_its_rotors_may_do_and_refuses_the_rest_with_its_name() {
     use State::{Aligning, Armed, Disarmed, Faulted, Running, Stopping};
-    let requests = |change: fn(&mut Requests)| {
-        let mut requests = Requests::default();
-        change(&mut requests);
-        requests
-    };
-    let none = Requests::default();
-    let (arm, disarm) = (requests(|asked| asked.arm = 1), requests(|asked| asked.disarm = 1));
-    let (stop, clear) = (requests(|asked| asked.stop = 1), requests(|asked| asked.clear = 1));
+    let [off, shake, stop, clear] =
+        [(Wanted::Off, 0), (Wanted::Shake, 0), (Wanted::Off, 1), (Wanted::Clear, 0)];
     let set = ParameterCommand::Set("over_speed".try_into().unwrap(), 60.0);
     for (command, accepting, asks) in [
-        (Command::Setpoint(setpoint(20.0, 30.0)), &[Armed, Running, Stopping][..], none),
-        (Command::Disarm, &STATES, disarm),
+        (Command::Setpoint(setpoint(20.0, 30.0)), &[Armed, Running, Stopping][..], shake),
+        (Command::Disarm, &STATES, off),
         (Command::Stop, &STATES, stop),
         (Command::Clear, &STATES, clear),
-        (Command::Parameter(set), &[Disarmed, Faulted], none),
-        (Command::Parameter(ParameterCommand::Reset), &[Disarmed, Faulted], none),
-        (Command::Parameter(ParameterCommand::Save), &[Disarmed, Faulted], none),
-        (Command::Parameter(ParameterCommand::Accept), &[Disarmed, Faulted], none),
-        (Command::Parameter(ParameterCommand::Check), &STATES, none),
-        (Command::Ping(5), &STATES, none),
-        (Command::Crash, &STATES, none),
-        (Command::Bridges, &STATES, none),
+        (Command::Parameter(set), &[Disarmed, Faulted], off),
+        (Command::Parameter(ParameterCommand::Reset), &[Disarmed, Faulted], off),
+        (Command::Parameter(ParameterCommand::Save), &[Disarmed, Faulted], off),
+        (Command::Parameter(ParameterCommand::Accept), &[Disarmed, Faulted], off),
+        (Command::Parameter(ParameterCommand::Check), &STATES, off),
+        (Command::Ping(5), &STATES, off),
+        (Command::Crash, &STATES, off),
+        (Command::Bridges, &STATES, off),
     ] {
         for state in STATES {
             let mut ends = Ends::at(state);
@@ -236,25 +236,21 @@ fn each_state_accepts_what_its_rotors_may_do_and_refuses_the_rest_with_its_name(
                 "{command:?} while {state}: {outcome:?}"
             );
             assert!(is_accepted != matches!(outcome, Outcome::Refused(_)), "{outcome:?}");
-            let rests = matches!(state, Disarmed | Faulted) && asks == disarm;
-            let expected = if rests { none } else { asks };
-            assert_eq!(ends.link.asked().requests, expected, "{command:?} while {state}");
+            let is_latched = matches!(state, Disarmed | Faulted);
+            let expected = if is_accepted && (is_latched || asks != clear) { asks } else { off };
+            assert_eq!(ends.asked(), expected, "{command:?} while {state}");
         }
     }
     for (state, outcome, asks) in [
-        (Disarmed, Outcome::Done, arm),
-        (Aligning, Outcome::Done, none),
-        (Armed, Outcome::Done, none),
-        (Running, Outcome::Done, none),
-        (Stopping, refused(Refusal::State(Stopping)), none),
-        (Faulted, refused(Refusal::State(Faulted)), none),
+        (Disarmed, Outcome::Done, Wanted::Arm),
+        (Aligning, Outcome::Done, Wanted::Off),
+        (Armed, Outcome::Done, Wanted::Off),
+        (Running, Outcome::Done, Wanted::Off),
+        (Stopping, refused(Refusal::State(Stopping)), Wanted::Off),
+        (Faulted, refused(Refusal::State(Faulted)), Wanted::Off),
     ] {
         let mut ends = Ends::at(state);
-        assert_eq!(
-            (ends.say(Command::Arm), ends.link.asked().requests),
-            (outcome, asks),
-            "{state}"
-        );
+        assert_eq!((ends.say(Command::Arm), ends.asked()), (outcome, (asks, 0)), "{state}");
     }
 }
 
@@ -276,7 +272,7 @@ fn a_setpoint_is_handed_on_and_shown_until_the_robot_ramps_down() {
         let mut ends = Ends::at(State::Armed);
         ends.say(Command::Setpoint(setpoint(20.0, 30.0)));
         let asked = *ends.link.asked();
-        assert_eq!((asked.frequency, asked.anew), (Speed::from_hertz(20.0), 1));
+        assert_eq!((asked.frequency, asked.wanted), (Speed::from_hertz(20.0), Wanted::Shake));
         assert_eq!(asked.direction, RotorAngle::from_degrees(30.0));
         assert_eq!(shown(&mut ends), setpoint(20.0, 30.0));
         act(&mut ends);
@@ -294,8 +290,8 @@ fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
         ends.observe(|report| report.state = state);
         assert_eq!(ends.say(walk()), Outcome::Done, "{state:?}");
     }
-    ends.observe(|report| report.state = State::Armed);
-    assert_eq!(ends.link.asked().frequency, Speed::ZERO);
+    ends.observe(|report| (report.state, report.permit) = (State::Armed, RESTED));
+    assert_ne!(ends.link.asked().permit, RESTED);
     for _ in 0..2 {
         ends.wait(TELEMETRY);
         assert_eq!(ends.telemetry.last().unwrap().setpoint.frequency(), Hertz::ZERO);
@@ -313,7 +309,7 @@ fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
         assert_eq!(ends.say(walk()), Outcome::Done, "it goes on with what began it");
     }
     let asked = *ends.link.asked();
-    assert_eq!((asked.frequency, asked.anew), (Speed::from_hertz(20.0), 2));
+    assert_eq!((asked.frequency, asked.permit), (Speed::from_hertz(20.0), RESTED));
     // Nor does one that was asked for earlier, and one that is armed anew starts from nothing.
     for state in [State::Stopping, State::Armed, State::Disarmed] {
         ends.observe(|report| report.state = state);
@@ -499,11 +495,13 @@ fn what_was_asked_before_the_newest_change_undoes_nothing_when_it_is_repeated() 
         let newer = ends.seal_as(9, newer);
         ends.hear(&newer);
         assert!(ends.outcomes.pop().is_some());
-        let asked = ends.link.asked().requests;
+        let asked = *ends.link.asked();
         // Asked again by a client that repeats everything side by side.
         let earlier = ends.seal_as(8, earlier);
         ends.hear(&earlier);
-        assert_eq!((ends.outcomes.pop(), ends.link.asked().requests), (None, asked));
+        assert_eq!(ends.outcomes.pop(), None);
+        let Asked { wanted, number, stops, .. } = *ends.link.asked();
+        assert_eq!((wanted, number, stops), (asked.wanted, asked.number, asked.stops));
         assert!(ends.tuning.settings().current_limit < 2.4);
     }
     // A question overtakes nothing, and is not overtaken.
@@ -968,6 +966,7 @@ fn each_trouble_with_a_magnet_is_an_event_once_for_each_motor() {
 fn another_operator_inherits_no_running_robot() {
     for leave in [false, true] {
         let mut ends = Ends::at(State::Running);
+        let before = ends.link.asked().halts;
         if leave {
             let goodbye = ends.operator.goodbye().unwrap();
             ends.hear(&goodbye);
@@ -975,7 +974,8 @@ fn another_operator_inherits_no_running_robot() {
         } else {
             ends.link.set_operators(None);
         }
-        assert_eq!(ends.link.asked().requests, Requests { disarm: 1, ..Requests::default() });
+        let Asked { wanted, halts, .. } = *ends.link.asked();
+        assert_eq!((wanted, halts), (Wanted::Off, before.wrapping_add(1)));
     }
 }
 
@@ -984,8 +984,9 @@ fn revoking_the_operator_disarms_and_revoking_another_does_not() {
     let bob = Operator::new("bob".parse().unwrap(), &Key::new([0xb0; 32]));
     for (operators, disarm) in [(Operators::from(Some(key())), 0), (bob.into(), 1)] {
         let mut ends = Ends::at(State::Running);
+        let before = ends.link.asked().halts;
         ends.link.set_operators(operators);
-        assert_eq!(ends.link.asked().requests, Requests { disarm, ..Requests::default() });
+        assert_eq!(ends.link.asked().halts.wrapping_sub(before), disarm);
         assert_eq!(ends.link.operator(ends.now).is_none(), disarm == 1);
     }
 }
@@ -1049,6 +1050,9 @@ fn a_robot_says_what_it_kept_of_its_last_accident_and_keeps_its_faults_for_the_n
     assert_eq!(ends.say(Command::Crash), Outcome::Crash(Some(kept)));
 }
 
+/// The permit after a halt.
+const RESTED: Permit = Permit::new(1);
+
 const TRIAL: Trial = Trial {
     motors: [true, false],
     current_ma: 700,
@@ -1063,7 +1067,7 @@ fn a_trial_is_for_a_disarmed_robot_over_a_steady_link() {
     let bridges = bridges(&DENGFOC_V3_01.hardware);
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
     let asked = *ends.link.asked();
-    assert_eq!((asked.trial, asked.requests.trial), (Some(TRIAL), 1));
+    assert_eq!((asked.trial, asked.wanted), (Some(TRIAL), Wanted::Try));
     for state in [State::Aligning, State::Armed, State::Running, State::Stopping, State::Faulted] {
         let mut ends = Ends::at(state);
         assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::State(state)), "{state}");
@@ -1077,7 +1081,7 @@ fn a_trial_is_for_a_disarmed_robot_over_a_steady_link() {
     assert!(matches!(refusal, Outcome::Refused(Refusal::OutOfRange { .. })), "{refusal:?}");
     ends.observe(|report| report.stopped = true);
     assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::Stopped));
-    assert_eq!(ends.link.asked().requests.trial, 0);
+    assert_ne!(ends.link.asked().wanted, Wanted::Try);
 }
 
 #[test]
@@ -1085,6 +1089,7 @@ fn a_trial_whose_answer_was_lost_begins_once() {
     let mut ends = Ends::proven();
     let bridges = bridges(&DENGFOC_V3_01.hardware);
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
+    let number = ends.link.asked().number;
     ends.observe(|report| report.state = State::Aligning);
     // The same request again, as it comes over the link: answered, whatever became of it.
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
@@ -1093,7 +1098,7 @@ fn a_trial_whose_answer_was_lost_begins_once() {
         report.faults = Faults::NONE.with(Fault::CurrentSense);
     });
     assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
-    assert_eq!(ends.link.asked().requests.trial, 1);
+    assert_eq!(ends.link.asked().number, number);
     // Another request is another trial.
     let another = ToRobot { request: 8, intent: 0, halts: 0, command: Command::Trial(TRIAL) };
     let frame = ends.operator.send(ends.now, &another).unwrap();
@@ -1137,7 +1142,7 @@ fn a_trial_moves_no_robot_whose_halt_its_operator_has_not_heard_of() {
     ends.live(PROVING_TIME);
     assert_eq!(ends.say(Command::Arm), refused(Refusal::Rested));
     assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::Rested));
-    assert_eq!(ends.link.asked().requests.trial, 0);
+    assert_ne!(ends.link.asked().wanted, Wanted::Try);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use clap::Parser;
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::fast::configuration::Configuration;
 use flix_firmware::fast::control::Control;
-use flix_firmware::fast::exchange::Asked;
+use flix_firmware::fast::exchange::{Asked, Wanted};
 use flix_firmware::hardware::{Encoder, Hardware, TICK_RATE_HZ, TICK_US};
 use flix_firmware::settings::Settings;
 use flix_firmware::trace::{LONGEST, Outcome, Row, encode};
@@ -74,6 +74,12 @@ impl<W: Write> Recording<W> {
         Ok(())
     }
 
+    /// Gives an order with the present permit.
+    fn want(&mut self, wanted: Wanted) {
+        self.asked.begins = true;
+        self.asked.want(wanted, self.control.report().permit);
+    }
+
     fn ticks(&mut self, count: u64) -> Result<(), Box<dyn std::error::Error>> {
         (0..count).try_for_each(|_| self.tick())
     }
@@ -110,11 +116,12 @@ fn record(file: &Path) -> Result<u64, Box<dyn std::error::Error>> {
         trace,
     };
     recording.ticks(REST_TICKS)?;
-    recording.asked.requests.arm = recording.asked.requests.arm.wrapping_add(1);
+    recording.want(Wanted::Arm);
     recording.until(State::Armed)?;
     for (frequency, direction) in PaperMode::ALL.map(PaperMode::pair) {
         let setpoint = setpoint(frequency, direction)?;
-        recording.asked.set(&setpoint, true);
+        recording.asked.set(&setpoint);
+        recording.want(Wanted::Shake);
         recording.ticks(MODE_TICKS)?;
         recording.expect(State::Running)?;
     }

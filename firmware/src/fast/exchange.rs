@@ -8,7 +8,7 @@
 //! ```
 //!
 //! - Whole values cross, and the newest of each kind wins: neither half ever waits for the other.
-//! - What must not be lost when a value is overwritten crosses as a wrapping counter: requests in
+//! - What must not be lost when a value is overwritten crosses as a wrapping counter: stops and halts in
 //!   [`Asked`], events in the [`Report`].
 //! - A [`Configuration`] waits until the fast half takes it, which it does only while the motors are
 //!   not driven. It drives none while one waits.
@@ -18,7 +18,9 @@
 
 use core::borrow::BorrowMut;
 
-use flix_protocol::message::{EncoderHealth, Fault, Faults, LoopTiming, Setpoint, State, Trial};
+use flix_protocol::message::{
+    EncoderHealth, Fault, Faults, Halt, LoopTiming, Permit, Setpoint, State, Trial,
+};
 use flix_protocol::units::Instant;
 use serde::{Deserialize, Serialize};
 
@@ -28,45 +30,52 @@ use crate::fast::interval::Interval;
 use crate::scope::{Memory, Scope};
 use crate::units::{Current, RotorAngle, Speed, Voltage};
 
-/// What the slow half asks, handed over whole in every tick.
-///
-/// The counters wrap; a change asks once for what they count.
+/// The kind of the order in force; [`Asked`] holds its values, in integers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Wanted {
+    /// Disarm, and stay disarmed.
+    #[default]
+    Off,
+    /// Align, then hold the rotors at rest.
+    Arm,
+    /// Follow [`Asked::frequency`] and [`Asked::direction`].
+    Shake,
+    /// Do [`Asked::trial`].
+    Try,
+    /// Forget the latched stop and the faults whose cause is gone.
+    Clear,
+}
+
+/// What the slow half asks, handed over whole in every tick: the order in force as a level, and counters of what must not be
+/// lost when a newer order takes its place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Asked {
-    /// f.
+    /// Kind of the order in force.
+    pub wanted: Wanted,
+    /// Permit that the order carries.
+    pub permit: Permit,
+    /// Number of the order; another number is another order.
+    pub number: u32,
+    /// Whether motors may begin to be driven: the link is steady, and the settings are known and stable.
+    pub begins: bool,
+    /// f of [`Wanted::Shake`].
     pub frequency: Speed,
-    /// theta, within a quarter turn either side of forward.
+    /// theta of [`Wanted::Shake`], within a quarter turn either side of forward.
     pub direction: RotorAngle,
-    /// Counts what a person asked anew: after arming, and after the rotors came to rest because commands stayed away, they rest
-    /// until the first setpoint that counts here.
-    pub anew: u16,
+    /// The trial of [`Wanted::Try`].
+    pub trial: Option<Trial>,
     /// When the newest valid command arrived.
     pub heard: Instant,
     /// Until when the newest valid command counts, however it travelled: its moment and the command
     /// age.
     pub expires: Instant,
-    /// What is asked for once.
-    pub requests: Requests,
-    /// The trial that [`Requests::trial`] asks for.
-    pub trial: Option<Trial>,
+    /// Counts the stops that are to latch, of any operator, wrapping.
+    pub stops: u8,
+    /// Counts the halts that the fast half does not see by itself, wrapping: stops from outside, sessions that begin or end.
+    pub halts: u8,
     /// Counts telemetry sent: starts a new measuring period of [`LoopTiming::longest_interval_us`] and
     /// [`Report::modulation`].
     pub period: u8,
-}
-
-/// Counters of requests, each of which is obeyed once: where those asked and obeyed are equal, nothing is left to obey.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Requests {
-    /// Counts arm commands.
-    pub arm: u8,
-    /// Counts disarm commands.
-    pub disarm: u8,
-    /// Counts stop commands.
-    pub stop: u8,
-    /// Counts clear commands.
-    pub clear: u8,
-    /// Counts trials.
-    pub trial: u8,
 }
 
 impl Asked {
@@ -76,11 +85,16 @@ impl Asked {
         self.expires = expires;
     }
 
-    /// Takes over a setpoint, which is in range by its type; `is_anew`: asked by a person.
-    pub fn set(&mut self, setpoint: &Setpoint, is_anew: bool) {
+    /// Takes over another order, and counts it. f and theta stay as they are.
+    pub const fn want(&mut self, wanted: Wanted, permit: Permit) {
+        (self.wanted, self.permit) = (wanted, permit);
+        self.number = self.number.wrapping_add(1);
+    }
+
+    /// Takes over a setpoint, which is in range by its type.
+    pub fn set(&mut self, setpoint: &Setpoint) {
         self.frequency = setpoint.frequency().into();
         self.direction = setpoint.direction().into();
-        self.anew = self.anew.wrapping_add(is_anew.into());
     }
 }
 
@@ -135,8 +149,16 @@ pub struct Report {
     pub link_late: bool,
     /// Whether voltage or current hold f below what is asked for.
     pub frequency_limited: bool,
-    /// What was obeyed last: requests that differ are still on their way.
-    pub obeyed: Requests,
+    /// Present permit.
+    pub permit: Permit,
+    /// Why the permit was counted up last.
+    pub halt: Halt,
+    /// [`Asked::number`] of the newest order that was looked at.
+    pub obeyed: u32,
+    /// [`Asked::stops`] that have latched.
+    pub stops: u8,
+    /// [`Asked::halts`] that have counted the permit up.
+    pub halts: u8,
     /// f as measured, averaged over some turns.
     pub frequency: Speed,
     /// theta as measured.

@@ -1,28 +1,47 @@
-//! Who may move, when, and what stops it.
+//! The one place that decides whether an order moves the robot, and what stops it.
 //!
 //! ```text
-//!            arm                aligned            setpoint, f not 0
+//!            Arm                aligned             Shake, f not 0
 //! Disarmed --------> Aligning ---------> Armed <---------------------> Running
 //!    ^                  |                  |      f = 0, at rest          |
-//!    |                  | disarm, stop,    | disarm, stop, link lost      | disarm, stop, link silent
+//!    |                  | Off, stop,       | Off, stop, link lost         | Off, stop, link silent
 //!    |                  | link silent      |                              |
 //!    +------------------+------------------+------------ Stopping <-------+
-//!    |  clear: cause gone, 0.5 s since              (at rest)
+//!    |  Clear: cause gone, 0.5 s since             (at rest)
 //! Faulted <------------------ any fault, from any state but Disarmed
 //! ```
 //!
-//! From Stopping a robot whose link was silent comes to rest in Armed, and runs on when commands come back before. A trial goes
+//! From Stopping a robot whose link was silent comes to rest in Armed, and runs on when orders come back before. A trial goes
 //! from Disarmed to Aligning and back.
+//!
+//! # Orders and permits
+//!
+//! An order is a level: [`Asked::wanted`] in every tick, not an edge. The supervisor holds one [`Permit`] and counts it up at
+//! each [`Halt`]: whenever the rotors came to rest, or must not go on, without this operator's order. **What begins something
+//! needs the present permit; what calms needs none.**
+//!
+//! | state | `Off` | `Arm(p)` | `Shake(p)` | `Try(p)` | `Clear(p)` |
+//! |---|---|---|---|---|---|
+//! | Disarmed | stays | p present: Aligning | stays | p present: the trial begins | stays |
+//! | Disarmed, stop latched | stays | stays | stays | stays | p present: the stop is forgotten |
+//! | Aligning | Disarmed | goes on | goes on | Disarmed | goes on |
+//! | Aligning, in a trial | Disarmed | Disarmed | Disarmed | goes on | Disarmed |
+//! | Armed | Stopping for good | rest | p present, in time: Running; else rest | Stopping for good | rest |
+//! | Running | Stopping for good | to rest, then Armed | p present: follow; else as `Arm` | Stopping for good | as `Arm` |
+//! | Stopping on silence, ramping | for good | back, to rest | p present: back, follow; else to rest | for good | back, to rest |
+//! | Stopping for good, or braking | waits | waits | waits | waits | waits |
+//! | Faulted | stays | stays | stays | stays | p present: forgets stop and faults |
+//!
+//! Motors begin to be driven only while the link is in time and [`Asked::begins`] holds. A stop latches in every state
+//! ([`Asked::stops`]), and disarms as a session that begins or ends does ([`Asked::halts`]).
 //!
 //! Settings are taken over where the rotors rest. Aligning, and so arming, begins once they are; where the rotors do not come
 //! to rest, it fails.
 //!
 //! The failsafe ladder counts from the arrival of the newest valid command: after [`LINK_LATE`] the
 //! operator is warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`]
-//! the motors are disarmed. Commands that come back while they ramp down are obeyed again; once the rotors
-//! stand, they turn again only when a person asks anew ([`Asked::anew`]). Apart from that, a command counts only until it expires
-//! ([`Asked::expires`]): once the newest has, both rotors ramp down too, so that a network that
-//! delays commands gains no time of movement.
+//! the motors are disarmed. A command counts only until it expires ([`Asked::expires`]): once the newest has, both rotors ramp
+//! down too, so that a network that delays commands gains no time of movement.
 //!
 //! # How each fault stops the rotors
 //!
@@ -37,10 +56,10 @@
 mod tests;
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
-use flix_protocol::message::{Fault, Faults, State};
+use flix_protocol::message::{Fault, Faults, Halt, Permit, State};
 use flix_protocol::units::Instant;
 
-use crate::fast::exchange::{Asked, EventCounters, Requests};
+use crate::fast::exchange::{Asked, EventCounters, Wanted};
 use crate::fast::standstill_and_zero::LONGEST_REST_WAIT_TICKS;
 use crate::units::Speed;
 
@@ -115,10 +134,16 @@ pub(crate) struct Supervisor {
     reason: Reason,
     /// Ticks in this state, saturating.
     ticks: u16,
-    /// What was obeyed last.
-    pub(crate) obeyed: Requests,
-    /// What was asked before the rotors rested: no more of that moves them.
-    rested_at: u16,
+    /// Counted up at each halt.
+    pub(crate) permit: Permit,
+    /// Why the permit was counted up last.
+    pub(crate) halt: Halt,
+    /// [`Asked::number`] of the newest order that was looked at.
+    pub(crate) obeyed: u32,
+    /// [`Asked::stops`] that have latched.
+    pub(crate) stops: u8,
+    /// [`Asked::halts`] that have counted.
+    pub(crate) halts: u8,
     ramp_down: bool,
     /// Whether what measures the motors is a trial.
     tries: bool,
@@ -138,8 +163,11 @@ impl Supervisor {
             link_lost: false,
             reason: Reason::Final,
             ticks: 0,
-            obeyed: Requests::default(),
-            rested_at: 0,
+            permit: Permit::default(),
+            halt: Halt::Started,
+            obeyed: 0,
+            stops: 0,
+            halts: 0,
             ramp_down: false,
             tries: false,
             events: EventCounters::default(),
@@ -161,7 +189,10 @@ impl Supervisor {
             self.first_fault = faults.iter().next();
         }
         for fault in faults.iter() {
-            self.faults = self.faults.with(fault);
+            if !self.faults.contains(fault) {
+                self.faults = self.faults.with(fault);
+                self.count(Halt::Fault);
+            }
         }
         if self.state != State::Faulted {
             // A ramp down needs both rotors under control; alignment has none to ramp down.
@@ -177,8 +208,8 @@ impl Supervisor {
         if !conditions.present.is_empty() && self.state != State::Disarmed {
             self.raise(conditions.present);
         }
-        if self.commanded(asked) {
-            self.obey(now, asked, conditions);
+        if [asked.stops, asked.halts] != [self.stops, self.halts] {
+            self.halt(asked);
         }
         if self.driving() {
             self.climb_ladder(now, asked);
@@ -186,7 +217,8 @@ impl Supervisor {
             self.link_late = false;
             self.link_lost = false;
         }
-        self.advance(asked, conditions)
+        self.obeyed = asked.number;
+        self.advance(now, asked, conditions)
     }
 
     /// Returns whether it has been in its state for so long that rotors which are not driven stand, whatever the encoders say.
@@ -199,50 +231,40 @@ impl Supervisor {
         self.ticks = 0;
     }
 
-    /// Returns whether something new is asked; as one comparison of a word.
-    #[inline(always)]
-    fn commanded(&self, asked: &Asked) -> bool {
-        let word = |Requests { arm, disarm, stop, clear, .. }| {
-            u32::from_le_bytes([arm, disarm, stop, clear])
-        };
-        word(asked.requests) != word(self.obeyed) || asked.requests.trial != self.obeyed.trial
+    /// Counts the permit up: orders that carry an earlier one begin nothing any more.
+    const fn count(&mut self, halt: Halt) {
+        (self.permit, self.halt) = (self.permit.next(), halt);
     }
 
-    /// Obeys what was asked for since the last tick. Counters do not show which request came last:
-    /// those that come in one tick are obeyed on the safe side. A stop is not cleared, and a robot
-    /// that is disarmed is not armed.
-    #[inline(never)]
-    fn obey(&mut self, now: Instant, asked: &Asked, conditions: &Conditions) {
-        let requests = asked.requests;
-        let obeyed = core::mem::replace(&mut self.obeyed, requests);
-        let stop = requests.stop != obeyed.stop;
-        let disarm = requests.disarm != obeyed.disarm;
-        if stop {
+    /// Latches the stops, and obeys the halts, that came since the last tick.
+    #[cold]
+    fn halt(&mut self, asked: &Asked) {
+        let is_stop = asked.stops != self.stops;
+        if is_stop {
             if !self.stopped {
                 self.events.stopped = self.events.stopped.wrapping_add(1);
             }
             self.stopped = true;
-            self.ramp_down_and_disarm();
         }
-        if disarm {
-            self.ramp_down_and_disarm();
+        if asked.halts != self.halts {
+            self.count(if is_stop { Halt::StoppedFromOutside } else { Halt::Operator });
         }
-        if requests.clear != obeyed.clear && !stop {
-            self.clear(conditions);
-        }
-        let tries = requests.trial != obeyed.trial;
-        if (tries || requests.arm != obeyed.arm) && !stop && !disarm {
-            self.arm(now, asked, tries);
-        }
+        (self.stops, self.halts) = (asked.stops, asked.halts);
+        self.ramp_down_and_disarm();
     }
 
-    /// Begins to align, or with a trial, after which it is disarmed again.
-    fn arm(&mut self, now: Instant, asked: &Asked, tries: bool) {
+    /// Returns whether the order carries the present permit.
+    fn is_permitted(&self, asked: &Asked) -> bool {
+        asked.permit == self.permit
+    }
+
+    /// Begins to align, or with a trial, after which the robot is disarmed again.
+    #[cold]
+    fn begin(&mut self, now: Instant, asked: &Asked) {
         let silence = now.as_micros().saturating_sub(asked.heard.as_micros());
-        let heard = silence < LINK_LATE_US && now <= asked.expires;
-        if self.state == State::Disarmed && !self.stopped && heard {
-            self.rested_at = asked.anew;
-            self.tries = tries;
+        let is_in_time = silence < LINK_LATE_US && now <= asked.expires;
+        if asked.begins && is_in_time && self.is_permitted(asked) {
+            self.tries = asked.wanted == Wanted::Try;
             self.enter(State::Aligning);
         }
     }
@@ -260,17 +282,19 @@ impl Supervisor {
         }
     }
 
-    /// Forgets the stop and the faults whose cause is gone.
-    fn clear(&mut self, conditions: &Conditions) {
-        let moving = matches!(self.state, State::Running | State::Stopping);
-        if !moving {
-            self.stopped = false;
+    /// Forgets the stop, and the faults whose cause is gone. Reported where something was forgotten.
+    #[cold]
+    fn clear(&mut self, asked: &Asked, conditions: &Conditions) {
+        if !self.is_permitted(asked) {
+            return;
         }
+        let mut is_news = core::mem::take(&mut self.stopped);
         if self.state == State::Faulted && self.ticks >= BRAKE_TICKS {
             let mut left = Faults::NONE;
             for fault in self.faults.iter().filter(|fault| conditions.present.contains(*fault)) {
                 left = left.with(fault);
             }
+            is_news |= left != self.faults;
             self.faults = left;
             if left.is_empty() {
                 self.first_fault = None;
@@ -279,7 +303,9 @@ impl Supervisor {
                 self.first_fault = left.iter().next();
             }
         }
-        self.events.cleared = self.events.cleared.wrapping_add(1);
+        if is_news {
+            self.events.cleared = self.events.cleared.wrapping_add(1);
+        }
     }
 
     #[inline]
@@ -309,50 +335,94 @@ impl Supervisor {
                 self.reason = Reason::Deadline;
                 self.enter(State::Stopping);
             } else {
+                self.count(Halt::LetGo);
                 self.enter(State::Disarmed);
             }
         }
         if silence >= LINK_LOST_US && !self.link_lost {
             self.link_lost = true;
             self.events.link_lost = self.events.link_lost.wrapping_add(1);
+            if self.driving() {
+                self.count(Halt::LinkLost);
+            }
             self.ramp_down_and_disarm();
         }
     }
 
-    /// Does what the state does, and goes where it leads when that is done.
+    /// Obeys the order in force, and does what the state does then.
     #[inline]
-    fn advance(&mut self, asked: &Asked, conditions: &Conditions) -> Drive {
+    fn advance(&mut self, now: Instant, asked: &Asked, conditions: &Conditions) -> Drive {
         match self.state {
-            State::Disarmed => self.rest(conditions),
-            State::Aligning if conditions.outdated => self.wait(conditions),
-            State::Aligning => {
-                if conditions.finished && self.tries {
-                    self.enter(State::Disarmed);
-                    return Drive::Brake;
+            State::Disarmed => {
+                match asked.wanted {
+                    Wanted::Arm | Wanted::Try if !self.stopped => self.begin(now, asked),
+                    Wanted::Clear if self.stopped => self.clear(asked, conditions),
+                    _ => {}
                 }
-                if conditions.finished {
-                    self.enter(State::Armed);
-                    return Drive::Shake(Speed::ZERO, false);
+                match self.state {
+                    State::Aligning => self.align(asked, conditions),
+                    _ => self.rest(conditions),
                 }
-                if self.tries { Drive::Try } else { Drive::Align }
             }
-            State::Armed => {
-                let is_anew = asked.anew != self.rested_at && asked.frequency != Speed::ZERO;
-                if is_anew && !self.link_late {
-                    self.enter(State::Running);
-                    return Drive::Shake(asked.frequency, true);
-                }
-                Drive::Shake(Speed::ZERO, false)
-            }
-            State::Running => {
-                if asked.frequency == Speed::ZERO && conditions.at_rest {
-                    self.enter(State::Armed);
-                }
-                Drive::Shake(asked.frequency, true)
-            }
+            State::Aligning => self.align(asked, conditions),
+            State::Armed | State::Running => self.shake(asked, conditions),
             State::Stopping => self.stop(asked, conditions),
-            State::Faulted => self.make_safe(conditions),
+            State::Faulted => {
+                if asked.wanted == Wanted::Clear && (self.stopped || self.ticks >= BRAKE_TICKS) {
+                    self.clear(asked, conditions);
+                }
+                match self.state {
+                    State::Faulted => self.make_safe(conditions),
+                    _ => self.rest(conditions),
+                }
+            }
         }
+    }
+
+    fn align(&mut self, asked: &Asked, conditions: &Conditions) -> Drive {
+        let goes_on = match asked.wanted {
+            Wanted::Off => false,
+            Wanted::Try => self.tries,
+            Wanted::Arm | Wanted::Shake | Wanted::Clear => !self.tries,
+        };
+        if !goes_on {
+            self.enter(State::Disarmed);
+            return self.rest(conditions);
+        }
+        if conditions.outdated {
+            return self.wait(conditions);
+        }
+        if conditions.finished && self.tries {
+            self.count(Halt::Tried);
+            self.enter(State::Disarmed);
+            return Drive::Brake;
+        }
+        if conditions.finished {
+            self.count(Halt::Aligned);
+            self.enter(State::Armed);
+            return Drive::Shake(Speed::ZERO, false);
+        }
+        if self.tries { Drive::Try } else { Drive::Align }
+    }
+
+    #[inline]
+    fn shake(&mut self, asked: &Asked, conditions: &Conditions) -> Drive {
+        let is_followed = asked.wanted == Wanted::Shake && self.is_permitted(asked);
+        let frequency = if is_followed { asked.frequency } else { Speed::ZERO };
+        if matches!(asked.wanted, Wanted::Off | Wanted::Try) {
+            core::hint::cold_path();
+            self.ramp_down_and_disarm();
+            return self.stop(asked, conditions);
+        }
+        if self.state == State::Armed {
+            if frequency == Speed::ZERO || self.link_late {
+                return Drive::Shake(Speed::ZERO, false);
+            }
+            self.enter(State::Running);
+        } else if frequency == Speed::ZERO && conditions.at_rest {
+            self.enter(State::Armed);
+        }
+        Drive::Shake(frequency, is_followed)
     }
 
     /// Brakes until the newest settings are in force.
@@ -366,19 +436,25 @@ impl Supervisor {
     }
 
     fn stop(&mut self, asked: &Asked, conditions: &Conditions) -> Drive {
+        if matches!(asked.wanted, Wanted::Off | Wanted::Try) {
+            self.reason = Reason::Final;
+        }
         // Rotors that brake are not under control any more.
         let ramps = self.ticks <= LONGEST_RAMP_TICKS;
         let back = self.reason == Reason::Deadline && !self.link_late && ramps;
         if back {
             self.enter(State::Running);
         } else if conditions.at_rest {
-            self.rested_at = asked.anew;
-            self.enter(match self.reason {
-                Reason::Deadline => State::Armed,
-                Reason::Final => State::Disarmed,
-            });
+            match self.reason {
+                Reason::Deadline => {
+                    self.count(Halt::Rested);
+                    self.enter(State::Armed);
+                }
+                Reason::Final => self.enter(State::Disarmed),
+            }
         } else if self.ticks > LONGEST_RAMP_TICKS + BRAKE_TICKS {
             // Encoders that see no rest where there must be one.
+            self.count(Halt::Rested);
             self.enter(State::Disarmed);
             return Drive::Brake;
         } else if self.ticks > LONGEST_RAMP_TICKS {

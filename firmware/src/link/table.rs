@@ -268,7 +268,11 @@ impl Pair {
             self.report.first_fault = self.supervisor.first_fault;
             self.report.stopped = self.supervisor.stopped;
             self.report.link_late = self.supervisor.link_late;
+            self.report.permit = self.supervisor.permit;
+            self.report.halt = self.supervisor.halt;
             self.report.obeyed = self.supervisor.obeyed;
+            self.report.stops = self.supervisor.stops;
+            self.report.halts = self.supervisor.halts;
             self.report.events = self.supervisor.events;
             self.link.observe(&self.report);
             self.drain();

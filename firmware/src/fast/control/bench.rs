@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
-use crate::fast::exchange::Asked;
+use crate::fast::exchange::{Asked, Wanted};
 use crate::hardware::{
     Actuation, Bridge, CurrentSense, Encoder, EncoderAngle, EncoderReading, Hardware, Sensors,
 };
@@ -339,14 +339,21 @@ impl Bench {
 
     pub(crate) fn arm(&mut self) {
         self.run(0.05);
-        self.asked.requests.arm += 1;
+        self.want(Wanted::Arm);
         self.until(State::Armed);
+    }
+
+    /// Gives an order with the present permit, over a link that is steady.
+    pub(crate) fn want(&mut self, wanted: Wanted) {
+        self.asked.begins = true;
+        self.asked.want(wanted, self.control.report().permit);
     }
 
     pub(crate) fn command(&mut self, frequency: f32, direction: f32) {
         let setpoint =
             Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap());
-        self.asked.set(&setpoint.unwrap(), true);
+        self.asked.set(&setpoint.unwrap());
+        self.want(Wanted::Shake);
         let now = Instant::from_micros(self.now_us);
         self.asked.hear(now, now + COMMAND_AGE);
     }

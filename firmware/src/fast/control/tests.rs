@@ -6,7 +6,7 @@ use crate::board::{BOARDS, Board, Chip, GENERIC_ESP32C6, counts_of_millivolts};
 use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::fast::control::bench::{Bench, HARDWARE};
-use crate::fast::exchange::Asked;
+use crate::fast::exchange::{Asked, Wanted};
 use crate::fast::foc::current::CurrentLoop;
 use crate::fast::supervisor::{Conditions, Supervisor};
 use crate::hardware::{
@@ -155,7 +155,7 @@ fn predicts_where_the_encoder_is_slower_than_the_loop() {
 #[test]
 fn stop_brings_the_rotors_to_rest_together_and_is_latched() {
     let mut bench = running(FREE, 35.0, 30.0);
-    bench.asked.requests.stop += 1;
+    bench.asked.stops += 1;
     for _ in 0..3_500 {
         bench.tick();
         if bench.frequency().abs() > 3.0 {
@@ -164,7 +164,7 @@ fn stop_brings_the_rotors_to_rest_together_and_is_latched() {
     }
     assert_eq!(bench.state(), State::Disarmed);
     assert!(bench.fastest() < 0.5);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.run(0.1);
     assert_eq!(bench.state(), State::Disarmed, "the stop is latched");
 }
@@ -200,7 +200,7 @@ fn a_dead_encoder_is_named_and_nothing_spins() {
     let mut bench = Bench::new(FREE);
     bench.motors[1].encoder_alive = false;
     bench.run(0.05);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::EncoderLost));
 }
@@ -217,7 +217,7 @@ fn goes_wrong(expected: Fault, knowable_s: f64, break_it: impl Fn(&mut Bench)) -
     assert_eq!(report.state, State::Faulted);
     assert!(bench.fastest() < 0.5, "still at {} Hz", bench.fastest());
     assert!(bench.peak_current < 2.0, "{} A", bench.peak_current);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.run(0.1);
     assert_eq!(bench.state(), State::Faulted, "latched");
     bench
@@ -286,7 +286,7 @@ fn a_bus_that_the_converter_does_not_tell_from_a_higher_one_is_over_voltage_what
             let mut bench = Bench::with(FREE, settings, HARDWARE);
             bench.bus = bus;
             bench.run(0.1);
-            bench.asked.requests.arm += 1;
+            bench.want(Wanted::Arm);
             bench.run(0.1);
             let is_high = bench.control.report().faults.contains(Fault::OverVoltage);
             assert_eq!(is_high, !is_told, "{bus} V, {battery_scale}");
@@ -386,11 +386,11 @@ fn a_bus_that_nobody_measures_is_neither_too_low_nor_too_high() {
             phase_current: None,
             bus_voltage: None,
         };
-        let mut asked = Asked::default();
+        let mut asked = Asked { begins: true, ..Asked::default() };
         for tick in 0..3_000 {
             let now = Instant::from_micros(100 * tick);
             asked.hear(now, now + Duration::from_secs(1));
-            asked.requests.arm = u8::from(tick > 100);
+            asked.wanted = if tick > 100 { Wanted::Arm } else { Wanted::Off };
             control.tick(now, &sensors, &asked);
         }
         let report = control.report();
@@ -449,14 +449,14 @@ fn strict() -> Configuration {
 fn settings_are_taken_over_at_rest_and_not_before() {
     let mut bench = running(FREE, 30.0, 30.0);
     assert!(!bench.control.configure(&strict()), "the motors are driven");
-    bench.asked.requests.disarm += 1;
+    bench.want(Wanted::Off);
     bench.until(State::Disarmed);
     bench.arm();
-    bench.asked.requests.disarm += 1;
+    bench.want(Wanted::Off);
     bench.until(State::Disarmed);
     bench.run(0.1);
     assert!(bench.control.configure(&strict()));
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::OverVoltage));
 
@@ -472,7 +472,7 @@ fn a_fault_that_the_slow_half_found_is_latched() {
     let mut bench = Bench::new(FREE);
     bench.run(0.05);
     bench.control.raise(Fault::Settings);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.run(0.05);
     let report = bench.control.report();
     assert_eq!((report.state, report.first_fault), (State::Faulted, Some(Fault::Settings)));
@@ -524,7 +524,7 @@ fn an_open_phase_is_named_in_alignment_and_nothing_spins() {
     let mut bench = Bench::new(FREE);
     bench.motors[0].open = true;
     bench.run(0.05);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.until(State::Faulted);
     let first = bench.control.report().first_fault;
     assert!(matches!(first, Some(Fault::Alignment | Fault::CurrentSense)), "{first:?}");
@@ -536,7 +536,7 @@ fn a_missing_magnet_is_named_in_alignment() {
     let mut bench = Bench::new(FREE);
     bench.motors[1].encoder_stuck = Some(EncoderAngle::from_count(77, 12));
     bench.run(0.05);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::Alignment));
 }
@@ -558,7 +558,7 @@ fn a_current_zero_far_off_is_named_in_alignment() {
     let mut bench = Bench::new(FREE);
     bench.sense_offset = 600;
     bench.run(0.05);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.until(State::Faulted);
     assert_eq!(bench.control.report().first_fault, Some(Fault::CurrentSense));
 }
@@ -572,7 +572,7 @@ fn aligned_with_misread_gain(current_scale: f32) -> Bench {
     let hardware = Hardware { current_sense: sense, ..HARDWARE };
     let mut bench = Bench::with(FREE, Settings { current_scale, ..Settings::DEFAULT }, hardware);
     bench.run(0.05);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     while matches!(bench.state(), State::Disarmed | State::Aligning) {
         bench.tick();
     }
@@ -603,7 +603,7 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
     remembered.learn(found);
     let mut bench = Bench::with(FREE, remembered, HARDWARE);
     bench.run(0.05);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.run(0.6);
     assert_eq!(bench.state(), State::Armed);
     assert_holds(&mut bench, 30.0, 30.0);
@@ -611,7 +611,7 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
     first = Bench::with(FREE, remembered, HARDWARE);
     first.motors[1].reversed = true;
     first.run(0.05);
-    first.asked.requests.arm += 1;
+    first.want(Wanted::Arm);
     first.until(State::Faulted);
     assert_eq!(first.control.report().first_fault, Some(Fault::Alignment));
 }
@@ -620,10 +620,10 @@ fn a_remembered_alignment_is_checked_and_arms_in_half_a_second() {
 fn a_cleared_fault_arms_again() {
     let mut bench = goes_wrong(Fault::LoopOverrun, 0.001, |bench| bench.now_us += 5_000);
     bench.run(0.5);
-    bench.asked.requests.clear += 1;
+    bench.want(Wanted::Clear);
     bench.run(0.01);
     assert_eq!(bench.state(), State::Disarmed);
-    bench.asked.requests.arm += 1;
+    bench.want(Wanted::Arm);
     bench.until(State::Armed);
 }
 
@@ -631,12 +631,12 @@ fn a_cleared_fault_arms_again() {
 fn a_fault_whose_cause_stays_is_not_cleared() {
     let mut bench = goes_wrong(Fault::OverVoltage, 0.02, |bench| bench.bus = 15.0);
     bench.run(0.5);
-    bench.asked.requests.clear += 1;
+    bench.want(Wanted::Clear);
     bench.run(0.01);
     assert_eq!(bench.control.report().first_fault, Some(Fault::OverVoltage));
     bench.bus = 12.0;
     bench.run(0.1);
-    bench.asked.requests.clear += 1;
+    bench.want(Wanted::Clear);
     bench.run(0.01);
     assert_eq!(bench.state(), State::Disarmed);
 }
@@ -683,13 +683,12 @@ fn commands_that_come_back_before_the_disarm_go_on() {
 #[test]
 fn encoders_that_see_no_rest_do_not_keep_a_stopped_robot_armed() {
     let mut supervisor = Supervisor::new();
-    let mut asked = Asked::default();
-    asked.requests.arm = 1;
+    let mut asked = Asked { wanted: Wanted::Arm, begins: true, ..Asked::default() };
     let conditions =
         Conditions { present: Faults::NONE, at_rest: false, finished: true, outdated: false };
     supervisor.update(Instant::START, &asked, &conditions);
     supervisor.update(Instant::START, &asked, &conditions);
-    asked.requests.disarm = 1;
+    asked.wanted = Wanted::Off;
     let mut update = || {
         supervisor.update(Instant::START, &asked, &conditions);
         supervisor.state

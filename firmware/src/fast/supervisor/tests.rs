@@ -23,7 +23,7 @@ struct Desk {
 
 impl Desk {
     fn disarmed() -> Self {
-        let mut asked = Asked::default();
+        let mut asked = Asked { begins: true, ..Asked::default() };
         asked.hear(Instant::START, Instant::from_micros(u64::MAX));
         let (supervisor, present) = (Supervisor::new(), Faults::NONE);
         Self { supervisor, asked, present, at_rest: false, finished: false, outdated: false }
@@ -31,9 +31,27 @@ impl Desk {
 
     fn aligning() -> Self {
         let mut desk = Self::disarmed();
-        desk.asked.requests.arm += 1;
+        desk.want(Wanted::Arm);
         desk.tick();
         desk
+    }
+
+    /// A robot in a trial.
+    fn trying() -> Self {
+        let mut desk = Self::disarmed();
+        desk.want(Wanted::Try);
+        assert_eq!((desk.tick(), desk.state()), (Drive::Try, State::Aligning));
+        desk
+    }
+
+    /// Gives an order of somebody who knows of the last halt.
+    fn want(&mut self, wanted: Wanted) {
+        self.asked.want(wanted, self.supervisor.permit);
+    }
+
+    /// Returns how often the permit has counted, and the last reason.
+    fn halts(&self) -> (u32, Halt) {
+        (self.supervisor.permit.number(), self.supervisor.halt)
     }
 
     fn armed() -> Self {
@@ -46,7 +64,7 @@ impl Desk {
 
     fn running() -> Self {
         let mut desk = Self::armed();
-        desk.asked.anew += 1;
+        desk.want(Wanted::Shake);
         desk.asked.frequency = TEN_HERTZ;
         assert_eq!((desk.tick(), desk.state()), (Drive::Shake(TEN_HERTZ, true), State::Running));
         desk
@@ -86,26 +104,24 @@ impl Desk {
     }
 }
 
-/// What is asked for in one tick.
-fn ask(desk: &mut Desk, [arm, disarm, stop, clear]: [u8; 4]) -> Drive {
-    let asked = &mut desk.asked.requests;
-    asked.arm += arm;
-    asked.disarm += disarm;
-    asked.stop += stop;
-    asked.clear += clear;
+/// Gives an order of somebody who knows of the last halt, for one tick.
+fn ask(desk: &mut Desk, wanted: Wanted) -> Drive {
+    desk.want(wanted);
     desk.tick()
 }
 
-const ARM: [u8; 4] = [1, 0, 0, 0];
-const DISARM: [u8; 4] = [0, 1, 0, 0];
-const STOP: [u8; 4] = [0, 0, 1, 0];
-const CLEAR: [u8; 4] = [0, 0, 0, 1];
+/// Latches a stop; `from_outside`: of somebody else than the operator.
+fn stop(desk: &mut Desk, from_outside: bool) -> Drive {
+    desk.asked.stops += 1;
+    desk.asked.halts += u8::from(from_outside);
+    desk.tick()
+}
 
 #[test]
 fn aligning_begins_once_the_newest_settings_are_in_force_and_not_before() {
     let mut desk = Desk::disarmed();
     desk.outdated = true;
-    assert_eq!(ask(&mut desk, ARM), Drive::Brake);
+    assert_eq!(ask(&mut desk, Wanted::Arm), Drive::Brake);
     for _ in 0..1_000 {
         assert_eq!((desk.tick(), desk.state()), (Drive::Brake, State::Aligning));
     }
@@ -115,11 +131,15 @@ fn aligning_begins_once_the_newest_settings_are_in_force_and_not_before() {
 
 #[test]
 fn an_operator_who_disarms_or_stops_while_arming_waits_for_settings_has_a_disarmed_robot() {
-    for asked in [DISARM, STOP] {
+    for stops in [false, true] {
         let mut desk = Desk::disarmed();
         desk.outdated = true;
-        ask(&mut desk, ARM);
-        ask(&mut desk, asked);
+        ask(&mut desk, Wanted::Arm);
+        if stops {
+            stop(&mut desk, false);
+        } else {
+            ask(&mut desk, Wanted::Off);
+        }
         desk.outdated = false;
         desk.tick();
         assert_eq!(desk.state(), State::Disarmed);
@@ -130,7 +150,7 @@ fn an_operator_who_disarms_or_stops_while_arming_waits_for_settings_has_a_disarm
 fn arming_fails_where_settings_are_not_taken_over_within_two_seconds() {
     let mut desk = Desk::disarmed();
     desk.outdated = true;
-    ask(&mut desk, ARM);
+    ask(&mut desk, Wanted::Arm);
     for _ in 0..LONGEST_WAIT_TICKS {
         assert_eq!((desk.tick(), desk.state()), (Drive::Brake, State::Aligning));
     }
@@ -200,7 +220,7 @@ fn a_run_goes_on_when_commands_come_back_unless_the_robot_disarms_already() {
     }
     let mut desk = Desk::running();
     desk.after(COMMAND_DEADLINE);
-    ask(&mut desk, DISARM);
+    ask(&mut desk, Wanted::Off);
     assert_eq!(desk.state(), State::Stopping);
 }
 
@@ -225,7 +245,7 @@ fn a_link_that_comes_back_and_is_lost_again_disarms_again() {
     desk.after(LINK_LOST);
     desk.at_rest = true;
     desk.tick();
-    ask(&mut desk, ARM);
+    ask(&mut desk, Wanted::Arm);
     assert_eq!(desk.state(), State::Aligning);
     desk.after(LINK_LOST);
     assert_eq!((desk.state(), desk.supervisor.events.link_lost), (State::Disarmed, 2));
@@ -239,13 +259,13 @@ fn arming_wants_a_fresh_command_and_neither_a_stop_nor_a_fault() {
     let arm = |change: fn(&mut Desk), silence: Duration| {
         let mut desk = Desk::disarmed();
         change(&mut desk);
-        desk.asked.requests.arm += 1;
+        desk.want(Wanted::Arm);
         desk.after(silence);
         desk.state()
     };
     let expires = |desk: &mut Desk| desk.asked.expires = desk.asked.heard + MICROSECOND;
     let stop = |desk: &mut Desk| {
-        ask(desk, STOP);
+        stop(desk, false);
     };
     let raise = |desk: &mut Desk| desk.supervisor.raise(Faults::NONE.with(Fault::Settings));
     assert_eq!(arm(|_| {}, LINK_LATE - MICROSECOND), State::Aligning);
@@ -257,60 +277,186 @@ fn arming_wants_a_fresh_command_and_neither_a_stop_nor_a_fault() {
 }
 
 #[test]
-fn requests_of_one_tick_are_obeyed_on_the_safe_side() {
-    let done = |from: fn() -> Desk, request| {
-        let mut desk = from();
-        desk.at_rest = true;
-        ask(&mut desk, request);
-        let EventCounters { stopped, cleared, .. } = desk.supervisor.events;
-        assert_eq!(desk.supervisor.obeyed, desk.asked.requests);
-        (desk.state(), desk.supervisor.stopped, [stopped, cleared])
-    };
-    let stopped = || {
+fn a_stop_and_a_halt_outweigh_the_order_of_the_same_tick() {
+    for from in [Desk::disarmed, Desk::aligning, Desk::trying, Desk::armed] {
+        for wanted in [Wanted::Off, Wanted::Arm, Wanted::Shake, Wanted::Try, Wanted::Clear] {
+            // An own stop, one from outside, another session.
+            for (stops, halts, reason) in
+                [(1, 0, None), (1, 1, Some(Halt::StoppedFromOutside)), (0, 1, Some(Halt::Operator))]
+            {
+                let mut desk = from();
+                let before = desk.halts();
+                desk.at_rest = true;
+                desk.want(wanted);
+                desk.asked.frequency = TEN_HERTZ;
+                (desk.asked.stops, desk.asked.halts) = (stops, halts);
+                let cleared = stops == 1 && halts == 0 && wanted == Wanted::Clear;
+                desk.tick();
+                desk.tick();
+                let after = reason.map_or(before, |reason| (before.0 + 1, reason));
+                let stopped = stops == 1 && !cleared;
+                // The order of a person who knew of everything but a stop that came with it.
+                let begins = !stopped && halts == 0 && matches!(wanted, Wanted::Arm | Wanted::Try);
+                let state = if begins { State::Aligning } else { State::Disarmed };
+                assert_eq!(
+                    (desk.state(), desk.supervisor.stopped, desk.halts()),
+                    (state, stopped, after),
+                    "{wanted:?} {stops} {halts}"
+                );
+                assert_eq!(desk.supervisor.events.stopped, stops);
+            }
+        }
+    }
+}
+
+#[test]
+fn an_earlier_permit_begins_nothing_and_clears_nothing() {
+    for wanted in [Wanted::Arm, Wanted::Try] {
         let mut desk = Desk::disarmed();
-        ask(&mut desk, STOP);
-        desk
+        desk.want(wanted);
+        desk.asked.halts += 1;
+        for _ in 0..10 {
+            assert_eq!((desk.tick(), desk.state()), (Drive::Brake, State::Disarmed));
+        }
+    }
+    let mut desk = Desk::disarmed();
+    desk.want(Wanted::Clear);
+    stop(&mut desk, true);
+    desk.tick();
+    assert!(desk.supervisor.stopped);
+    ask(&mut desk, Wanted::Clear);
+    assert!(!desk.supervisor.stopped);
+    // A walk that was asked for while the motors were aligned.
+    let mut desk = Desk::aligning();
+    desk.want(Wanted::Shake);
+    desk.asked.frequency = TEN_HERTZ;
+    desk.finished = true;
+    desk.tick();
+    desk.finished = false;
+    assert_eq!((desk.tick(), desk.state()), (REST, State::Armed));
+    desk.want(Wanted::Shake);
+    assert_eq!((desk.tick(), desk.state()), (Drive::Shake(TEN_HERTZ, true), State::Running));
+}
+
+#[test]
+fn what_calms_needs_no_permit() {
+    let mut old = Desk::running();
+    old.asked.permit = Permit::new(u32::MAX);
+    assert_eq!((old.tick(), old.state()), (REST, State::Running), "to rest");
+    old.at_rest = true;
+    assert_eq!((old.tick(), old.state()), (REST, State::Armed));
+    for wanted in [Wanted::Arm, Wanted::Clear] {
+        let mut desk = Desk::running();
+        desk.asked.want(wanted, Permit::new(u32::MAX));
+        assert_eq!((desk.tick(), desk.state()), (REST, State::Running), "{wanted:?}");
+    }
+    for wanted in [Wanted::Off, Wanted::Try] {
+        for from in [Desk::running, Desk::armed] {
+            let mut desk = from();
+            desk.asked.want(wanted, Permit::new(u32::MAX));
+            assert_eq!((desk.tick(), desk.state()), (REST, State::Stopping), "{wanted:?}");
+        }
+    }
+}
+
+#[test]
+fn the_permit_counts_each_halt_once_and_no_calm_that_the_operator_asked_for() {
+    let until = |desk: &mut Desk, state| {
+        let arrived = (0..LONG).any(|_| {
+            desk.tick();
+            desk.state() == state
+        });
+        assert!(arrived, "{state}");
     };
-    use State::{Aligning, Armed, Disarmed};
-    for (from, request, expected) in [
-        (Desk::disarmed as fn() -> Desk, ARM, (Aligning, false, [0, 0])),
-        (Desk::disarmed, DISARM, (Disarmed, false, [0, 0])),
-        (Desk::disarmed, [1, 1, 0, 0], (Disarmed, false, [0, 0])),
-        (Desk::disarmed, [1, 0, 1, 0], (Disarmed, true, [1, 0])),
-        (Desk::disarmed, [0, 0, 1, 1], (Disarmed, true, [1, 0])),
-        (Desk::disarmed, [1, 0, 0, 1], (Aligning, false, [0, 1])),
-        (Desk::aligning, DISARM, (Disarmed, false, [0, 0])),
-        (Desk::aligning, STOP, (Disarmed, true, [1, 0])),
-        (Desk::armed, ARM, (Armed, false, [0, 0])),
-        (Desk::armed, CLEAR, (Armed, false, [0, 1])),
-        (Desk::armed, DISARM, (Disarmed, false, [0, 0])),
-        (Desk::armed, STOP, (Disarmed, true, [1, 0])),
-        (stopped, STOP, (Disarmed, true, [1, 0])),
-        (stopped, ARM, (Disarmed, true, [1, 0])),
-        (stopped, CLEAR, (Disarmed, false, [1, 1])),
-    ] {
-        assert_eq!(done(from, request), expected, "{request:?}");
+    type Act<'a> = &'a dyn Fn(&mut Desk);
+    let silent = |desk: &mut Desk, silence: Duration| {
+        desk.after(silence);
+        desk.after(silence);
+    };
+    let finish = |desk: &mut Desk| {
+        desk.finished = true;
+        desk.tick();
+    };
+    let rests: Act = &|desk| desk.at_rest = true;
+    let fail: Act = &|desk| {
+        desk.present = Faults::NONE.with(Fault::Stall);
+        desk.tick();
+        desk.tick();
+        desk.present = desk.present.with(Fault::OverSpeed);
+        desk.tick();
+        desk.present = Faults::NONE;
+        desk.tick();
+    };
+    let halts: [(fn() -> Desk, Act, u32, Halt); 13] = [
+        (Desk::aligning, &finish, 1, Halt::Aligned),
+        (Desk::trying, &finish, 1, Halt::Tried),
+        (Desk::aligning, &|desk| silent(desk, COMMAND_DEADLINE), 1, Halt::LetGo),
+        (Desk::trying, &|desk| silent(desk, COMMAND_DEADLINE), 1, Halt::LetGo),
+        (Desk::trying, fail, 2, Halt::Fault),
+        (Desk::running, fail, 2, Halt::Fault),
+        (Desk::running, &|desk| silent(desk, COMMAND_DEADLINE), 0, Halt::Aligned),
+        (Desk::running, &|desk| silent(desk, LINK_LOST), 1, Halt::LinkLost),
+        (Desk::armed, &|desk| silent(desk, LINK_LOST), 1, Halt::LinkLost),
+        (Desk::disarmed, &|desk| silent(desk, LINK_LOST), 0, Halt::Started),
+        (
+            Desk::running,
+            &|desk| {
+                silent(desk, COMMAND_DEADLINE);
+                rests(desk);
+                desk.after(COMMAND_DEADLINE);
+            },
+            1,
+            Halt::Rested,
+        ),
+        (
+            Desk::running,
+            &|desk| {
+                ask(desk, Wanted::Off);
+                rests(desk);
+                until(desk, State::Disarmed);
+            },
+            0,
+            Halt::Aligned,
+        ),
+        (
+            Desk::running,
+            &|desk| {
+                ask(desk, Wanted::Off);
+                until(desk, State::Disarmed);
+            },
+            1,
+            Halt::Rested,
+        ),
+    ];
+    for (place, (from, act, count, reason)) in halts.into_iter().enumerate() {
+        let mut desk = from();
+        let (before, _) = desk.halts();
+        act(&mut desk);
+        let (after, halt) = desk.halts();
+        assert_eq!((after - before, halt), (count, reason), "{place}");
     }
 }
 
 #[test]
 fn a_stop_is_cleared_only_at_rest() {
     let mut desk = Desk::running();
-    ask(&mut desk, STOP);
-    ask(&mut desk, CLEAR);
+    stop(&mut desk, false);
+    ask(&mut desk, Wanted::Clear);
     assert_eq!((desk.state(), desk.supervisor.stopped), (State::Stopping, true));
 }
 
 #[test]
 fn rotors_turn_only_for_a_setpoint_that_came_after_arming_and_in_time() {
     for (new, frequency, silence, state) in [
-        (0, TEN_HERTZ, Duration::ZERO, State::Armed),
-        (1, Speed::ZERO, Duration::ZERO, State::Armed),
-        (1, TEN_HERTZ, LINK_LATE, State::Armed),
-        (1, TEN_HERTZ, LINK_LATE - MICROSECOND, State::Running),
+        (false, TEN_HERTZ, Duration::ZERO, State::Armed),
+        (true, Speed::ZERO, Duration::ZERO, State::Armed),
+        (true, TEN_HERTZ, LINK_LATE, State::Armed),
+        (true, TEN_HERTZ, LINK_LATE - MICROSECOND, State::Running),
     ] {
         let mut desk = Desk::armed();
-        desk.asked.anew += new;
+        if new {
+            desk.want(Wanted::Shake);
+        }
         desk.asked.frequency = frequency;
         desk.after(silence);
         assert_eq!(desk.state(), state, "{new} {frequency:?} {silence:?}");
@@ -343,7 +489,7 @@ fn rotors_that_stand_because_commands_stayed_away_turn_again_only_when_a_person_
     assert_eq!(desk.state(), State::Armed);
     desk.after(Duration::ZERO);
     assert_eq!(desk.state(), State::Armed, "the same commands are back");
-    desk.asked.anew += 1;
+    desk.want(Wanted::Shake);
     desk.after(Duration::ZERO);
     assert_eq!(desk.state(), State::Running);
 }
@@ -356,7 +502,7 @@ fn rotors_that_come_to_rest_end_a_stop_where_it_leads() {
     desk.after(COMMAND_DEADLINE);
     assert_eq!(desk.state(), State::Armed);
     let mut desk = Desk::running();
-    ask(&mut desk, DISARM);
+    ask(&mut desk, Wanted::Off);
     desk.at_rest = true;
     desk.tick();
     assert_eq!(desk.state(), State::Disarmed);
@@ -365,7 +511,7 @@ fn rotors_that_come_to_rest_end_a_stop_where_it_leads() {
 #[test]
 fn a_ramp_down_at_whose_end_no_rest_is_seen_disarms_after_ramp_and_brake() {
     let mut desk = Desk::running();
-    ask(&mut desk, DISARM);
+    ask(&mut desk, Wanted::Off);
     for _ in 0..LONGEST_RAMP_TICKS + BRAKE_TICKS {
         desk.tick();
     }
@@ -379,7 +525,7 @@ fn every_way_to_rest_takes_its_time() {
     let brake = usize::from(BRAKE_TICKS);
     let disarming = |at_rest| {
         let mut desk = Desk::running();
-        desk.asked.requests.disarm += 1;
+        desk.want(Wanted::Off);
         desk.at_rest = at_rest;
         desk
     };
@@ -439,7 +585,7 @@ fn a_fault_is_cleared_when_its_cause_is_gone_and_the_rotors_had_time_to_stop() {
             desk.tick();
         }
         desk.present = present;
-        ask(&mut desk, CLEAR);
+        ask(&mut desk, Wanted::Clear);
         (desk.state(), desk.supervisor.faults, desk.supervisor.first_fault)
     };
     let [first, second] = [Fault::UnderVoltage, Fault::Stall];
@@ -457,7 +603,7 @@ fn faults_of_a_disarmed_robot_wait_until_it_is_armed() {
     let mut desk = Desk::disarmed().faulted(Fault::UnderVoltage);
     desk.tick();
     assert_eq!((desk.state(), desk.supervisor.faults), (State::Disarmed, Faults::NONE));
-    ask(&mut desk, ARM);
+    ask(&mut desk, Wanted::Arm);
     desk.tick();
     assert_eq!(desk.state(), State::Faulted);
 }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::fast::control::bench::Bench;
+use crate::fast::exchange::Wanted;
 use flix_protocol::message::State;
 
 const HALVE: Trial =
@@ -16,7 +17,7 @@ fn at_trial(resistance: f64, inductance: f64, trial: Trial) -> Bench {
     bench.run(0.05);
     bench.peak_current = 0.0;
     bench.asked.trial = Some(trial);
-    bench.asked.requests.trial += 1;
+    bench.want(Wanted::Try);
     bench.until(State::Aligning);
     bench
 }
@@ -116,7 +117,7 @@ fn a_rotor_that_swings_to_the_field_hides_the_current_for_a_while() {
         }
         bench.run(0.05);
         bench.asked.trial = Some(Trial { current_ma: 300, ..HALVE });
-        bench.asked.requests.trial += 1;
+        bench.want(Wanted::Try);
         bench.until(State::Aligning);
         to_pattern(&mut bench);
     }
@@ -151,7 +152,7 @@ fn a_stop_and_a_silent_operator_end_a_trial_at_any_stage() {
             bench.run(f64::from(ticks) * 1e-4);
             assert_eq!(bench.state(), State::Aligning, "{ticks}");
             if stop {
-                bench.asked.requests.stop += 1;
+                bench.asked.stops += 1;
             } else {
                 bench.keep_alive = false;
             }
@@ -164,11 +165,11 @@ fn a_stop_and_a_silent_operator_end_a_trial_at_any_stage() {
 }
 
 #[test]
-fn a_trial_is_not_begun_while_armed_and_a_robot_arms_as_ever_after_it() {
+fn a_robot_arms_after_a_trial_and_a_trial_disarms_an_armed_robot_first() {
     let mut bench = at_trial(2.5, 1e-3, HALVE);
     bench.until(State::Disarmed);
     bench.arm();
-    bench.asked.requests.trial += 1;
-    bench.run(0.1);
-    assert_eq!(bench.state(), State::Armed);
+    bench.want(Wanted::Try);
+    bench.until(State::Disarmed);
+    bench.until(State::Aligning);
 }
