@@ -37,9 +37,9 @@ use core::time::Duration;
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
     Bridges, BuildId, Command, CrashReport, EncoderHealth, Event, EventReport, Faults, Identity,
-    LinkQuality, Magnet, Mark, MotorTelemetry, OperatorName, Outcome, PARAMETERS_PER_REPLY,
+    LinkQuality, Magnet, Mark, MotorTelemetry, OperatorName, Order, Outcome, PARAMETERS_PER_REPLY,
     ParameterCommand, Refusal, Reply, ResetReason, ScopeCommand, Setpoint, State, Telemetry,
-    ToOperator, ToRobot, Trial,
+    ToOperator, ToRobot, Trial, Withheld,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
@@ -86,6 +86,14 @@ pub struct Link {
     halts: u8,
     /// The largest number of a request of this session that was to change something.
     changed: Option<u32>,
+    /// The newest order, where this session gives any.
+    order: Option<Order>,
+    /// Counter and arrival of the newest order that was handed on.
+    handed_on: (u64, Instant),
+    /// The same of the newest that the fast half has looked at.
+    heard: (u64, Instant),
+    /// Why the newest order was not handed on, or cannot begin.
+    withheld: Option<Withheld>,
     /// The number of the halt that was the newest stop of somebody else; who begins a session later knows of it.
     stop_from_outside: Option<u8>,
     /// That of the halt by the newest fault, likewise.
@@ -142,6 +150,10 @@ impl Link {
             has_rested: false,
             halts: 0,
             changed: None,
+            order: None,
+            handed_on: (0, Instant::START),
+            heard: (0, Instant::START),
+            withheld: None,
             stop_from_outside: None,
             fault: None,
             is_slow: false,
@@ -258,12 +270,18 @@ impl Link {
             RobotReceived::Command(message) => {
                 self.steadiness.heard(now);
                 self.is_slow &= !self.steadiness.is_proven();
-                if self.asked.frequency == Speed::ZERO {
+                // Questions are no signs of life of an operator who gives orders.
+                if self.asked.frequency == Speed::ZERO && self.order.is_none() {
                     self.note_sign_of_life(now);
                 }
                 self.take(now, message, tuning);
             }
             RobotReceived::Late { command: message, age } => {
+                if let Command::Order(order) = message.command {
+                    let late = self.note_late(now, age);
+                    self.receive_order(now, order, Some(late), tuning.settings());
+                    return is_authentic;
+                }
                 match self.check_late(now, &message.command, age) {
                     Ok(()) => self.take(now, message, tuning),
                     Err(refusal) => self.reply(message.request, Err(refusal)),
@@ -359,6 +377,9 @@ impl Link {
         for fault in report.faults.iter().filter(|fault| !last.faults.contains(*fault)) {
             self.events.push(now, Event::Fault(fault));
         }
+        if report.obeyed == self.asked.number {
+            self.heard = self.handed_on;
+        }
         self.look_at_magnets(report);
         if report.state != last.state {
             self.events.push(now, Event::State(report.state));
@@ -374,7 +395,11 @@ impl Link {
         }
         // A request to begin counts once, not until the link allows it.
         let is_looked_at = report.obeyed == self.asked.number;
-        if is_looked_at && report.state == State::Disarmed && self.is_beginning() {
+        if self.order.is_none()
+            && is_looked_at
+            && report.state == State::Disarmed
+            && self.is_beginning()
+        {
             self.asked.wanted = Wanted::Off;
         }
         let silences = |of: &EventCounters| [of.command_deadline, of.command_age];
@@ -421,6 +446,8 @@ impl Link {
         self.is_slow = false;
         self.halts = 0;
         self.changed = None;
+        (self.order, self.withheld) = (None, None);
+        (self.handed_on, self.heard) = ((0, Instant::START), (0, Instant::START));
         (self.stop_from_outside, self.fault) = (None, None);
         self.tried = None;
         self.replies.clear();
@@ -432,6 +459,9 @@ impl Link {
     /// was overtaken.
     fn take<S: SettingsStore>(&mut self, now: Instant, message: ToRobot, tuning: &mut Tuning<S>) {
         let request = message.request;
+        if let Command::Order(order) = message.command {
+            return self.receive_order(now, order, None, tuning.settings());
+        }
         if self.is_overtaken(request, &message.command) {
             return;
         }
@@ -487,6 +517,7 @@ impl Link {
             Command::Bridges => return Ok(Some(Outcome::Bridges(bridges(&self.hardware)))),
             Command::Crash => return Ok(Some(Outcome::Crash(self.black_box.crash().cloned()))),
             Command::Ping(number) => return Ok(Some(Outcome::Pong(number))),
+            Command::Order(_) => return Ok(None),
             Command::Scope(command) => {
                 push_newest(&mut self.scope, (request, command));
                 return Ok(None);
@@ -502,16 +533,106 @@ impl Link {
         command: &Command,
         age: Option<Duration>,
     ) -> Result<(), Refusal> {
-        let (age_ms, limit_ms) =
-            (milliseconds(age), milliseconds(Some(self.session.command_age())));
-        if !self.is_slow {
-            self.is_slow = true;
-            self.events.push(now, Event::CommandsLate { age_ms, limit_ms });
-        }
+        let [age_ms, limit_ms] = self.note_late(now, age);
         if command.is_question() || command.is_always_safe() {
             return Ok(());
         }
         Err(Refusal::Late { age_ms, limit_ms })
+    }
+
+    /// Reports once that commands come late; returns the age of this one and the limit, milliseconds.
+    fn note_late(&mut self, now: Instant, age: Option<Duration>) -> [u16; 2] {
+        let [age_ms, limit_ms] = [age, Some(self.session.command_age())].map(milliseconds);
+        if !self.is_slow {
+            self.is_slow = true;
+            self.events.push(now, Event::CommandsLate { age_ms, limit_ms });
+        }
+        [age_ms, limit_ms]
+    }
+
+    /// Hands an order on to the fast half, with whether motors may begin to be driven. One that is out of range, or too old and
+    /// not always safe, is withheld: it is no sign of life and changes nothing. `late`: age and limit, milliseconds.
+    fn receive_order(
+        &mut self,
+        now: Instant,
+        order: Order,
+        late: Option<[u16; 2]>,
+        settings: &Settings,
+    ) {
+        self.order = Some(order);
+        let late = late.map(|[age_ms, limit_ms]| Withheld::Late { age_ms, limit_ms });
+        let range = |is_good: bool| (!is_good).then_some(Withheld::Range);
+        self.withheld = match order {
+            Order::Off | Order::Stop => None,
+            Order::Shake(_, setpoint) => late.or(range(setpoint.check().is_ok())),
+            Order::Try(..) if !self.measures_current() => Some(Withheld::NoCurrentSense),
+            Order::Try(_, trial) => late.or(range(trial.check().is_ok())),
+            Order::Arm(_) | Order::Clear(_) => late,
+        };
+        if self.withheld.is_some() {
+            return;
+        }
+        if late.is_none() {
+            self.note_sign_of_life(now);
+        }
+        self.handed_on = (self.session.newest_command(), now);
+        self.withheld = self.check_begin(&order, settings);
+        self.asked.begins = self.withheld.is_none();
+        let wanted = match order {
+            Order::Off => Wanted::Off,
+            Order::Stop => {
+                self.latch_stop(now, self.session.operator(now));
+                Wanted::Off
+            }
+            Order::Arm(_) => Wanted::Arm,
+            Order::Shake(_, setpoint) => {
+                self.asked.set(&setpoint);
+                Wanted::Shake
+            }
+            Order::Try(_, trial) => {
+                self.asked.trial = Some(trial);
+                Wanted::Try
+            }
+            Order::Clear(_) => Wanted::Clear,
+        };
+        self.asked.want(wanted, order.permit().unwrap_or(self.report.permit));
+    }
+
+    /// Returns why this order cannot begin to drive motors yet, whatever the state.
+    fn check_begin(&mut self, order: &Order, settings: &Settings) -> Option<Withheld> {
+        let is_arm = matches!(order, Order::Arm(_));
+        if !is_arm && !matches!(order, Order::Try(..)) {
+            return None;
+        }
+        if is_arm && self.check_settings(settings).is_err() {
+            return Some(Withheld::Settings);
+        }
+        (!self.steadiness.is_proven()).then_some(Withheld::LinkUnproven)
+    }
+
+    /// Returns why the newest order is not obeyed, by the newest report.
+    fn why_withheld(&self) -> Option<Withheld> {
+        let order = self.order?;
+        let Report { state, stopped, faults, permit, .. } = self.report;
+        let is_old = order.permit().is_some_and(|it| it != permit);
+        match (order, state) {
+            (Order::Off | Order::Stop, _)
+            | (Order::Arm(_), State::Aligning | State::Armed | State::Running)
+            | (Order::Try(..), State::Aligning) => None,
+            (Order::Clear(_), State::Disarmed | State::Faulted) => {
+                ((stopped || !faults.is_empty()) && is_old).then_some(Withheld::Permit)
+            }
+            _ if self.withheld.is_some_and(|it| it != Withheld::LinkUnproven) => self.withheld,
+            (Order::Clear(_), _) => Some(Withheld::State),
+            _ if !faults.is_empty() => Some(Withheld::Faulted),
+            _ if stopped => Some(Withheld::Stopped),
+            _ if is_old => Some(Withheld::Permit),
+            (Order::Shake(..), State::Armed | State::Running) => None,
+            (_, State::Disarmed) if matches!(order, Order::Arm(_) | Order::Try(..)) => {
+                self.withheld
+            }
+            _ => Some(Withheld::State),
+        }
     }
 
     fn note_sign_of_life(&mut self, now: Instant) {
@@ -663,13 +784,18 @@ impl Link {
         self.asked.want(Wanted::Off, self.report.permit);
     }
 
-    /// Asks the fast half to stop. Who latched the stop is who asked first.
-    fn stop(&mut self, now: Instant, by: Option<OperatorName>) {
+    /// Latches the stop. Who latched the stop is who asked first.
+    fn latch_stop(&mut self, now: Instant, by: Option<OperatorName>) {
         if !self.report.stopped {
             self.stopped_by = by;
         }
         self.stopped_at = now;
         self.asked.stops = self.asked.stops.wrapping_add(1);
+    }
+
+    /// Asks the fast half to stop.
+    fn stop(&mut self, now: Instant, by: Option<OperatorName>) {
+        self.latch_stop(now, by);
         self.asked.want(Wanted::Off, self.report.permit);
         self.ramps_down = true;
         self.setpoint = Setpoint::REST;
@@ -795,6 +921,16 @@ impl Link {
         Some(ToOperator::Telemetry(self.telemetry(now, operator)))
     }
 
+    /// Returns the pair that an order commands, where the robot follows orders.
+    fn followed(&self) -> Option<Setpoint> {
+        let Report { state, permit, .. } = self.report;
+        let is_followed = matches!(state, State::Armed | State::Running);
+        self.order.map(|order| match order {
+            Order::Shake(shown, setpoint) if shown == permit && is_followed => setpoint,
+            _ => Setpoint::REST,
+        })
+    }
+
     fn telemetry(&mut self, now: Instant, operator: OperatorName) -> Telemetry {
         self.asked.period = self.asked.period.wrapping_add(1);
         let link = self.quality(now);
@@ -811,7 +947,12 @@ impl Link {
             link_late: report.link_late,
             frequency_limited: report.frequency_limited,
             halts: self.halts,
-            setpoint: self.setpoint,
+            permit: report.permit,
+            halt: report.halt,
+            heard: self.heard.0,
+            held_us: u16::try_from(now.since(self.heard.1).as_micros()).unwrap_or(u16::MAX),
+            withheld: self.why_withheld(),
+            setpoint: self.followed().unwrap_or(self.setpoint),
             frequency: report.frequency.into(),
             direction: direction.into(),
             direction_range: [least, largest].map(Degrees::from),

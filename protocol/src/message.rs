@@ -74,6 +74,8 @@ pub enum Command {
     Crash,
     /// Report what the board's description says of its bridges.
     Bridges,
+    /// Obey this order, until the next one. Answered by telemetry alone.
+    Order(Order),
 }
 
 impl Command {

@@ -145,7 +145,7 @@ pub use stop::{StopSession, StopStatus};
 
 /// Version of the protocol, incremented when the meaning of messages changes and their schema does
 /// not, or when the handshake changes.
-pub const PROTOCOL_VERSION: u16 = 8;
+pub const PROTOCOL_VERSION: u16 = 9;
 
 /// Version of this build: [`PROTOCOL_VERSION`] and a hash over the schema of [`ToRobot`] and
 /// [`ToOperator`], names and types of all fields included.

@@ -54,6 +54,12 @@ fn command_name(command: &Command) -> &'static str {
         Command::Trial(Trial { pattern: Pattern::Swing(_), .. }) => "trial-swing",
         Command::Crash => "crash",
         Command::Bridges => "bridges",
+        Command::Order(Order::Off) => "order-off",
+        Command::Order(Order::Arm(_)) => "order-arm",
+        Command::Order(Order::Shake(..)) => "order-shake",
+        Command::Order(Order::Try(..)) => "order-try",
+        Command::Order(Order::Clear(_)) => "order-clear",
+        Command::Order(Order::Stop) => "order-stop",
     }
 }
 const TURN: Trial = Trial {
@@ -63,7 +69,7 @@ const TURN: Trial = Trial {
     pattern: Pattern::Turn(-79),
     ticks: 4_000,
 };
-const COMMANDS: usize = 23;
+const COMMANDS: usize = 29;
 
 fn commands() -> Vec<Command> {
     vec![
@@ -97,6 +103,12 @@ fn commands() -> Vec<Command> {
         Command::Trial(Trial { pattern: Pattern::Swing(600), ..TURN }),
         Command::Crash,
         Command::Bridges,
+        Command::Order(Order::Off),
+        Command::Order(Order::Arm(Permit::new(3))),
+        Command::Order(Order::Shake(Permit::new(4), Setpoint::saturating(20.0, 30.0))),
+        Command::Order(Order::Try(Permit::new(5), TURN)),
+        Command::Order(Order::Clear(Permit::new(u32::MAX))),
+        Command::Order(Order::Stop),
     ]
 }
 
@@ -324,6 +336,11 @@ fn running() -> ToOperator {
         current_q_range: [first + 2.5, first + 3.5].map(|it| Amperes::new(it).unwrap()),
     };
     ToOperator::Telemetry(Telemetry {
+        permit: Permit::new(300),
+        halt: Halt::StoppedFromOutside,
+        heard: 70_000,
+        held_us: 1_900,
+        withheld: Some(Withheld::Late { age_ms: 410, limit_ms: 400 }),
         time: Instant::from_micros(1_234_567),
         state: State::Running,
         faults: Faults::NONE.with(Fault::Stall),

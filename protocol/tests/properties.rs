@@ -139,6 +139,7 @@ fn any_command() -> impl Strategy<Value = Command> {
         scope_plan().prop_map(|plan| Command::Scope(ScopeCommand::Begin(plan))),
         any::<u16>().prop_map(|first| Command::Scope(ScopeCommand::Read(first))),
         trial().prop_map(Command::Trial),
+        order().prop_map(Command::Order),
     ]
 }
 
@@ -307,6 +308,33 @@ fn magnet() -> impl Strategy<Value = Magnet> {
     select(Magnet::ALL.to_vec())
 }
 
+fn withheld() -> impl Strategy<Value = Withheld> {
+    prop_oneof![
+        select(vec![
+            Withheld::Permit,
+            Withheld::State,
+            Withheld::Faulted,
+            Withheld::Stopped,
+            Withheld::LinkUnproven,
+            Withheld::Settings,
+            Withheld::Range,
+            Withheld::NoCurrentSense,
+        ]),
+        any::<[u16; 2]>().prop_map(|[age_ms, limit_ms]| Withheld::Late { age_ms, limit_ms }),
+    ]
+}
+
+fn order() -> impl Strategy<Value = Order> {
+    let permit = || any::<u32>().prop_map(Permit::new);
+    prop_oneof![
+        select(vec![Order::Off, Order::Stop]),
+        permit().prop_map(Order::Arm),
+        permit().prop_map(Order::Clear),
+        (permit(), any_setpoint()).prop_map(|(permit, setpoint)| Order::Shake(permit, setpoint)),
+        (permit(), trial()).prop_map(|(permit, trial)| Order::Try(permit, trial)),
+    ]
+}
+
 fn telemetry() -> impl Strategy<Value = Telemetry> {
     let motor = || {
         (degrees(), hertz(), amperes(), amperes(), [amperes(), amperes()]).prop_map(
@@ -356,6 +384,13 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
     (
         (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 4]>(), any::<u8>()),
         (
+            any::<u32>().prop_map(Permit::new),
+            select(Halt::ALL.to_vec()),
+            any::<u64>(),
+            any::<u16>(),
+            prop::option::of(withheld()),
+        ),
+        (
             any_setpoint(),
             hertz(),
             degrees(),
@@ -365,7 +400,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
         ),
         ([volts(), volts(), volts()], any::<bool>(), any::<f32>(), timing, link),
     )
-        .prop_map(|(standing, motion, (voltages, measured, modulation, timing, link))| {
+        .prop_map(|(standing, orders, motion, electrical)| {
             let (
                 time,
                 state,
@@ -375,6 +410,8 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
                 halts,
             ) = standing;
             let (setpoint, frequency, direction, direction_range, motors, encoders) = motion;
+            let (voltages, measured, modulation, timing, link) = electrical;
+            let (permit, halt, heard, held_us, withheld) = orders;
             let [bus, least, largest] = voltages;
             Telemetry {
                 operator: OperatorName::OWNER,
@@ -388,6 +425,11 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
                 link_late,
                 frequency_limited,
                 halts,
+                permit,
+                halt,
+                heard,
+                held_us,
+                withheld,
                 setpoint,
                 frequency,
                 direction,

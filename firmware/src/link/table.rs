@@ -15,7 +15,8 @@ use std::vec::Vec;
 
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Fault, Faults, Pattern, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
+    Command, Fault, Faults, Order, Pattern, Permit, Setpoint, State, Telemetry, ToOperator,
+    ToRobot, Trial,
 };
 use flix_protocol::session::{
     Key, OperatorReceived, OperatorSession, Operators, Status, StopSession,
@@ -141,8 +142,8 @@ struct Pair {
     telemetry: Option<Telemetry>,
     /// Whether the operator receives.
     hears: bool,
-    intent: u8,
-    request: u32,
+    /// Repeated every 20 ms.
+    order: Order,
     tick: u32,
     /// Ticks since motors began to align, or to ramp down.
     moved: u32,
@@ -179,8 +180,7 @@ impl Pair {
             present: Faults::NONE,
             telemetry: None,
             hears: true,
-            intent: 0,
-            request: 0,
+            order: Order::Off,
             tick: 0,
             moved: 0,
             walks: false,
@@ -191,7 +191,7 @@ impl Pair {
         }
         // Motors are known.
         let accept = flix_protocol::message::ParameterCommand::Accept;
-        pair.send(Command::Parameter(accept), 0);
+        pair.send(Command::Parameter(accept));
         pair.idle(SETTLING_TICKS);
         pair
     }
@@ -220,30 +220,27 @@ impl Pair {
         }
     }
 
-    fn send(&mut self, command: Command, halts: u8) {
-        let message = ToRobot { request: self.request, intent: self.intent, halts, command };
+    fn send(&mut self, command: Command) {
+        let message = ToRobot { request: 0, intent: 0, halts: 0, command };
         let frame = self.operator.send(self.now(), &message).expect("a session");
         self.deliver(&frame);
     }
 
-    fn halts(&self) -> u8 {
-        self.telemetry.map_or(0, |telemetry| telemetry.halts)
+    fn permit(&self) -> Permit {
+        self.telemetry.map_or(Permit::default(), |telemetry| telemetry.permit)
     }
 
-    /// Sends an order, once.
-    fn order(&mut self, want: Want, halts: u8) {
-        self.send(
-            match want {
-                Want::Off => Command::Disarm,
-                Want::Arm => Command::Arm,
-                Want::Rest => Command::Setpoint(Setpoint::REST),
-                Want::Walk => Command::Setpoint(Setpoint::saturating(20.0, 30.0)),
-                Want::Try => Command::Trial(TRIAL),
-                Want::Clear => Command::Clear,
-                Want::Stop => Command::Stop,
-            },
-            halts,
-        );
+    /// Gives an order with this permit.
+    fn want(&mut self, want: Want, permit: Permit) {
+        self.order = match want {
+            Want::Off => Order::Off,
+            Want::Arm => Order::Arm(permit),
+            Want::Rest => Order::Shake(permit, Setpoint::REST),
+            Want::Walk => Order::Shake(permit, Setpoint::saturating(20.0, 30.0)),
+            Want::Try => Order::Try(permit, TRIAL),
+            Want::Clear => Order::Clear(permit),
+            Want::Stop => Order::Stop,
+        };
     }
 
     /// Does one tick of the supervisor, and of the motors and rotors that it drives.
@@ -283,11 +280,11 @@ impl Pair {
         (0..ticks).for_each(|_| self.step());
     }
 
-    /// Lets time pass in which the operator wants nothing.
+    /// Lets time pass in which the order in force is repeated.
     fn idle(&mut self, ticks: u32) {
         for tick in 0..ticks {
             if tick.is_multiple_of(KEEP_ALIVE_TICKS) {
-                self.send(Command::Ping(0), 0);
+                self.send(Command::Order(self.order));
             }
             self.step();
         }
@@ -295,14 +292,8 @@ impl Pair {
 
     /// Lets somebody want this for so long who knows of all halts.
     fn hold(&mut self, want: Want, ticks: u32) {
-        (self.intent, self.request) = (self.intent.wrapping_add(1), self.request + 1);
-        let halts = self.halts();
-        for tick in 0..ticks {
-            if tick.is_multiple_of(KEEP_ALIVE_TICKS) {
-                self.order(want, halts);
-            }
-            self.step();
-        }
+        self.want(want, self.permit());
+        self.idle(ticks);
     }
 
     fn stop_from_outside(&mut self) {
@@ -391,16 +382,15 @@ impl Pair {
                 self.idle(5_000);
             }
         }
-        self.request += 1;
-        let mut halts = self.halts();
-        match knows {
-            Knows::Present => self.intent = self.intent.wrapping_add(1),
-            Knows::Old => halts = halts.wrapping_sub(1),
-        }
+        let permit = match knows {
+            Knows::Present => self.permit(),
+            Knows::Old => Permit::new(self.permit().number().wrapping_sub(1)),
+        };
+        self.want(want, permit);
         let mut names = std::vec![self.name()];
         for tick in 0..WATCHED_TICKS {
             if tick.is_multiple_of(KEEP_ALIVE_TICKS) {
-                self.order(want, halts);
+                self.send(Command::Order(self.order));
             }
             self.step();
             let name = self.name();

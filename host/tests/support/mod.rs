@@ -327,6 +327,7 @@ impl FakeRobot {
             }),
             Command::Crash => Outcome::Crash(self.crash.clone()),
             Command::Ping(number) => Outcome::Pong(*number),
+            Command::Order(_) => Outcome::Done,
         }
     }
 
@@ -425,6 +426,11 @@ impl FakeRobot {
             link_late: false,
             frequency_limited: false,
             halts: self.halts,
+            permit: Default::default(),
+            halt: Default::default(),
+            heard: 0,
+            held_us: 0,
+            withheld: None,
             setpoint: self.setpoint,
             frequency: self.setpoint.frequency(),
             direction: self.setpoint.direction(),

@@ -9,6 +9,7 @@ use super::fault::{Fault, Faults};
 use super::link::LinkQuality;
 use super::names::names;
 use super::operator::OperatorName;
+use super::order::{Halt, Permit, Withheld};
 use super::setpoint::Setpoint;
 use crate::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
 
@@ -120,6 +121,16 @@ pub struct Telemetry {
     /// How often in this session the robot halted although its operator had not asked for it, wrapping: because commands stayed
     /// away, also while it aligned its motors or tried one, for a fault, or because somebody else stopped it.
     pub halts: u8,
+    /// Permit that an order has to carry to begin anything.
+    pub permit: Permit,
+    /// Why the permit was counted up last.
+    pub halt: Halt,
+    /// Counter of the newest order that the fast loop has looked at, among the datagrams of the session; 0 before the first.
+    pub heard: u64,
+    /// Time from the arrival of that order to this telemetry, microseconds; `u16::MAX` when it is longer.
+    pub held_us: u16,
+    /// Why the newest order is not obeyed.
+    pub withheld: Option<Withheld>,
     /// The commanded pair.
     pub setpoint: Setpoint,
     /// Measured f, over the last turn.

@@ -250,6 +250,12 @@ impl RobotSession {
         self.holder.as_ref().map(|holder| holder.moment)
     }
 
+    /// Returns the counter of the newest command of the session; 0 before the first.
+    #[must_use]
+    pub fn newest_command(&self) -> u64 {
+        self.holder.as_ref().and_then(|holder| holder.newest_command).unwrap_or_default()
+    }
+
     /// Receives a datagram from this address.
     pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> RobotReceived {
         if self.peer(now).is_none() {

@@ -6,8 +6,8 @@ use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use core::time::Duration;
 
 use flix_protocol::message::{
-    Command, Dropped, LinkQuality, LoopTiming, MotorTelemetry, OperatorName, Setpoint, State,
-    Telemetry, ToOperator, ToRobot,
+    Command, Dropped, Halt, LinkQuality, LoopTiming, MotorTelemetry, OperatorName, Permit,
+    Setpoint, State, Telemetry, ToOperator, ToRobot,
 };
 use flix_protocol::session::{
     Key, OperatorReceived, OperatorSession, RobotReceived, RobotSession, SEND_SLOT, Status,
@@ -42,6 +42,11 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         current_q_range: [Amperes::ZERO; 2],
     };
     ToOperator::Telemetry(Telemetry {
+        permit: Permit::new(3),
+        halt: Halt::Aligned,
+        heard: 41,
+        held_us: 700,
+        withheld: None,
         time: Instant::from_micros(time),
         state: State::Disarmed,
         faults: Default::default(),
