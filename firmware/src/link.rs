@@ -57,6 +57,8 @@ use readiness::{Judged, Steadiness};
 pub const EVENTS: usize = 32;
 /// Replies that wait to be sent. The network task sends after each datagram that it receives.
 const REPLIES: usize = 4;
+/// Time between two reports of the fast half.
+const REPORT_INTERVAL: Duration = Duration::from_millis(1);
 /// Handshake datagrams that wait to be sent.
 const ANSWERS: usize = 4;
 
@@ -334,7 +336,17 @@ impl Link {
         }
         self.session.peer(now)?;
         let waiting = !self.replies.is_empty() || !self.events.queue.is_empty();
-        Some(if waiting { now } else { self.telemetry_due.max(now) })
+        Some(match self.is_counted() {
+            _ if waiting => now,
+            true => self.telemetry_due.max(now),
+            false => now + REPORT_INTERVAL,
+        })
+    }
+
+    /// Returns whether the fast half has counted all halts: until then telemetry waits, so that no operator is shown a permit of before
+    /// his session.
+    const fn is_counted(&self) -> bool {
+        self.asked.halts == self.report.halts
     }
 
     /// Notes each kind of trouble with a magnet once: one on the border comes and goes.
@@ -912,7 +924,7 @@ impl Link {
         if let Some(event) = self.events.queue.pop_front() {
             return Some(ToOperator::Event(event));
         }
-        if now < self.telemetry_due {
+        if now < self.telemetry_due || !self.is_counted() {
             return None;
         }
         let interval = Duration::from_secs_f32(1.0 / settings.telemetry_rate);

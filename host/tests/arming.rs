@@ -2,122 +2,187 @@
 
 use std::time::Duration;
 
-use flix_host::link::{ARM_PATIENCE, Arming, LinkError, REQUEST_PATIENCE, TELEMETRY_LAG};
-use flix_protocol::message::{Command, Fault, Refusal, State};
+use flix_host::link::{
+    ARM_PATIENCE, Client, LinkError, PASSING_PATIENCE, RobotLink, TELEMETRY_LAG, Update, Wish,
+};
+use flix_protocol::message::{Command, Fault, Halt, Order, Refusal, Setpoint, State};
+use flix_protocol::units::Instant;
 
 use crate::link::World;
 use crate::support::FakeRobot;
 
-/// Arms for so long; `change` is what happens to the robot all the time. Returns how that ends, and when.
-fn armed(
-    patience: Duration,
-    mut change: impl FnMut(&mut FakeRobot),
-) -> (Result<(), LinkError>, Duration) {
-    let mut world = World::connected();
-    // Of what was before arming nothing is said.
-    while world.client.update().is_some() {}
-    let begun = world.now;
-    let mut arming = Arming::begin(begun, &mut world.client, begun + patience);
-    loop {
-        change(&mut world.robot);
-        world.exchange();
-        while let Some(update) = world.client.update() {
-            if let Some(ended) = arming.observe(world.now, &world.client, &update) {
-                return (ended, world.now.since(begun));
-            }
-        }
-        if let Some(error) = arming.poll(world.now, &mut world.client) {
-            return (Err(error), world.now.since(begun));
-        }
+/// A world as a link, with what happens to its robot all the time.
+struct Rig<C> {
+    world: World,
+    change: C,
+}
+
+impl<C: FnMut(&mut FakeRobot)> RobotLink for Rig<C> {
+    type Error = LinkError;
+
+    fn operate(&mut self) -> (&mut Client, Instant) {
+        (&mut self.world.client, self.world.now)
+    }
+
+    fn wait(&mut self, _: Duration) -> Result<(), LinkError> {
+        (self.change)(&mut self.world.robot);
+        self.world.exchange();
+        Ok(())
     }
 }
 
-/// The same of a robot that is so from the beginning.
-fn ends(patience: Duration, change: fn(&mut FakeRobot)) -> (Result<(), LinkError>, Duration) {
-    let mut is_new = true;
-    armed(patience, |robot| {
-        if std::mem::take(&mut is_new) {
-            change(robot);
-        }
-    })
+impl<C: FnMut(&mut FakeRobot)> Rig<C> {
+    fn new(change: C) -> Self {
+        let mut world = World::connected();
+        // Of what was before arming nothing is said.
+        while world.client.update().is_some() {}
+        Self { world, change }
+    }
+
+    /// Arms it. Returns how that ends, and when.
+    fn arms(&mut self) -> (Result<(), LinkError>, Duration) {
+        let begun = self.world.now;
+        let ended = self.arm();
+        (ended, self.world.now.since(begun))
+    }
+}
+
+/// Arms a robot that is changed so just before. Returns how that ends, and when.
+fn ends(change: fn(&mut FakeRobot)) -> (Result<(), LinkError>, Duration) {
+    let mut rig = Rig::new(|_| {});
+    change(&mut rig.world.robot);
+    rig.arms()
 }
 
 #[test]
 fn a_robot_that_aligns_its_motors_first_is_armed_then() {
     let mut ticks = 0;
-    let (ended, after) = armed(ARM_PATIENCE, |robot| {
+    let mut rig = Rig::new(move |robot: &mut FakeRobot| {
         ticks += 1;
-        robot.aligns_for_ever = ticks < 3_000;
-        if ticks == 3_000 {
-            robot.state = State::Armed;
-        }
+        robot.aligns_for_ever = ticks < 3_500;
     });
+    let (ended, after) = rig.arms();
     assert_eq!(ended, Ok(()));
-    assert!((3.0..3.1).contains(&after.as_secs_f64()), "{after:?}");
+    assert!((3.5..3.6).contains(&after.as_secs_f64()), "{after:?}");
 }
 
 #[test]
 fn who_runs_out_of_patience_learns_what_the_robot_said_last() {
-    let short = Duration::from_secs(1);
-    let aligning = LinkError::State { wanted: State::Armed, actual: State::Aligning };
-    let stopping = LinkError::Refused(Refusal::State(State::Stopping));
-    let mute: fn(&mut FakeRobot) = |robot| robot.lost = Some(Command::Arm);
+    let (ended, after) = ends(|robot| robot.aligns_for_ever = true);
+    let (wanted, actual) = (State::Armed, State::Aligning);
+    assert_eq!(ended, Err(LinkError::State { wanted, actual }));
+    assert!(after.abs_diff(ARM_PATIENCE) < Duration::from_millis(50), "{after:?}");
+    let unproven = LinkError::Refused(Refusal::LinkUnproven);
+    let mute: fn(&mut FakeRobot) = |robot| {
+        robot.loses = |it| matches!(it, Command::Order(Order::Arm(_)));
+    };
     for (change, error) in [
-        ((|robot| robot.aligns_for_ever = true) as fn(&mut FakeRobot), aligning),
-        (|robot| robot.ramps_down_for = u32::MAX, stopping),
+        ((|robot| robot.is_unproven = true) as fn(&mut FakeRobot), unproven),
         (mute, LinkError::Unanswered),
     ] {
-        let (ended, after) = ends(short, change);
+        let (ended, after) = ends(change);
         assert_eq!(ended, Err(error));
-        assert!((1.0..1.01).contains(&after.as_secs_f64()), "{after:?}");
+        assert!(after.abs_diff(ARM_PATIENCE) < Duration::from_millis(50), "{after:?}");
     }
-    // Asked again after a request that nobody answered.
-    let (ended, after) = ends(2 * REQUEST_PATIENCE, mute);
-    assert_eq!(ended, Err(LinkError::Unanswered));
-    assert!(after > 2 * REQUEST_PATIENCE);
+}
+
+#[test]
+fn a_program_insists_for_as_long_as_it_says() {
+    let patience = 2 * PASSING_PATIENCE;
+    let mut world = World::connected();
+    while world.client.update().is_some() {}
+    world.robot.is_unproven = true;
+    world.client.insist_on(world.now, Wish::Arm, patience).unwrap();
+    let (begun, order) = (world.now, world.client.order());
+    while world.client.order() == order {
+        world.exchange();
+    }
+    let after = world.now.since(begun);
+    assert!(after.abs_diff(patience) < Duration::from_millis(50), "{after:?}");
+    let why = Some(Refusal::LinkUnproven);
+    let updates = std::iter::from_fn(|| world.client.update());
+    assert!(updates.into_iter().any(|it| it == Update::Ended { order, why: why.clone() }));
 }
 
 #[test]
 fn a_stop_and_a_fault_end_it_by_their_names() {
-    let (ended, _) = ends(ARM_PATIENCE, |robot| robot.fail(Fault::Stall));
-    assert!(matches!(ended, Err(LinkError::Refused(Refusal::Faulted(_)))), "{ended:?}");
-    let (ended, _) = ends(ARM_PATIENCE, |robot| robot.stopped = true);
-    assert!(matches!(ended, Err(LinkError::StoppedBy(_) | LinkError::Refused(Refusal::Stopped))));
+    let (ended, _) = ends(|robot| robot.fail(Fault::Stall));
+    assert!(matches!(ended, Err(LinkError::Faulted { .. })), "{ended:?}");
+    let (ended, _) = ends(|robot| robot.stopped = true);
+    assert!(matches!(ended, Err(LinkError::StoppedBy(_))), "{ended:?}");
     // The same while the motors are aligned.
     let late = |change: fn(&mut FakeRobot)| {
         let mut ticks = 0;
-        armed(ARM_PATIENCE, move |robot| {
+        let mut rig = Rig::new(move |robot: &mut FakeRobot| {
             robot.aligns_for_ever = true;
             ticks += 1;
             if ticks == 500 {
                 change(robot);
             }
-        })
+        });
+        rig.arms().0
     };
-    let (ended, _) = late(|robot| robot.fail(Fault::Alignment));
+    let ended = late(|robot| robot.fail(Fault::Alignment));
     assert!(matches!(ended, Err(LinkError::Faulted { .. })), "{ended:?}");
-    let (ended, _) = late(FakeRobot::stop_from_outside);
+    let ended = late(FakeRobot::stop_from_outside);
     assert!(matches!(ended, Err(LinkError::StoppedBy(_))), "{ended:?}");
 }
 
 #[test]
 fn a_robot_that_disarms_by_itself_is_not_armed_again() {
-    let (ended, after) = ends(ARM_PATIENCE, |robot| robot.lapses = Some(false));
-    let disarmed = LinkError::State { wanted: State::Armed, actual: State::Disarmed };
-    assert_eq!(ended, Err(disarmed));
-    assert!(after > TELEMETRY_LAG && after < 2 * TELEMETRY_LAG, "{after:?}");
+    let mut rig = Rig::new(|_| {});
+    rig.world.robot.lapses = Some(Halt::LinkLost);
+    let (ended, after) = rig.arms();
+    assert_eq!(ended, Err(LinkError::Lapsed));
+    assert!(after < TELEMETRY_LAG, "{after:?}");
+    let _ = rig.pause(ARM_PATIENCE);
+    assert_eq!(rig.world.robot.state, State::Disarmed);
 }
 
 #[test]
 fn a_robot_whose_commands_stay_away_is_armed_again_three_times() {
     for (lapses, ended) in [(3, Ok(())), (4, Err(LinkError::Lapsed))] {
         let mut left = lapses;
-        let (result, _) = armed(ARM_PATIENCE, |robot| {
+        let mut rig = Rig::new(move |robot: &mut FakeRobot| {
             if left > 0 && robot.lapses.is_none() && robot.state == State::Disarmed {
                 left -= 1;
-                robot.lapses = Some(true);
+                robot.lapses = Some(Halt::LetGo);
             }
         });
-        assert_eq!(result, ended, "{lapses}");
+        assert_eq!(rig.arms().0, ended, "{lapses}");
     }
+}
+
+#[test]
+fn a_person_arms_again_himself_what_let_go_while_it_aligned() {
+    let mut rig = Rig::new(|_| {});
+    rig.world.robot.lapses = Some(Halt::LetGo);
+    rig.press(Wish::Arm).unwrap();
+    rig.pause(PASSING_PATIENCE).unwrap();
+    assert_eq!(rig.world.robot.state, State::Disarmed);
+    assert_eq!(rig.world.client.order(), Order::Off);
+}
+
+#[test]
+fn a_robot_that_is_armed_already_is_armed_at_once() {
+    for walks in [false, true] {
+        let mut rig = Rig::new(|_| {});
+        assert_eq!(rig.arms().0, Ok(()));
+        if walks {
+            rig.hold(Setpoint::from_numbers(-30.0, 30.0).unwrap());
+            rig.pause(TELEMETRY_LAG).unwrap();
+        }
+        let (ended, after) = rig.arms();
+        assert_eq!(ended, Ok(()), "{walks}");
+        assert!(after < TELEMETRY_LAG, "{after:?}");
+    }
+}
+
+#[test]
+fn who_arms_before_the_last_halt_is_heard_of_arms_only_once_it_is() {
+    let mut rig = Rig::new(|_| {});
+    rig.world.robot.halt();
+    assert_eq!(rig.arms().0, Err(LinkError::Lapsed));
+    assert_eq!(rig.world.robot.state, State::Disarmed);
+    assert_eq!(rig.arms().0, Ok(()));
 }

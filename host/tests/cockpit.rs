@@ -10,7 +10,7 @@ use flix_host::teleop::page::message::{Message, Request};
 use flix_host::teleop::page::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
 use flix_host::teleop::page::snapshot::snapshot;
 use flix_host::teleop::paper_modes::PaperMode;
-use flix_protocol::message::{Command, Fault, Setpoint, State};
+use flix_protocol::message::{Command, Fault, Halt, Order, Setpoint, State};
 use flix_protocol::units::Instant;
 use serde_json::json;
 
@@ -104,6 +104,12 @@ impl Room {
             self.cockpit.tick(&self.client, self.now);
             self.now = self.now + Duration::from_millis(1);
         }
+    }
+
+    /// Counts how often the robot was ordered to arm.
+    fn armings(&self) -> usize {
+        let is_arm = |it: &&Command| matches!(it, Command::Order(Order::Arm(_)));
+        self.robot.commands.iter().filter(is_arm).count()
     }
 
     fn log(&self) -> String {
@@ -201,47 +207,48 @@ fn a_robot_that_is_armed_with_nothing_held_is_disarmed_too_and_once() {
         let mut room = Room::walking();
         // Commands came late: it ramped down, and is still armed.
         room.robot.reports_of_late_commands = 1;
-        room.run(Duration::from_millis(100));
-        assert_eq!(room.client.held(), None);
-        room.robot.state = State::Armed;
-        room.run(Duration::from_millis(100));
+        room.run(Duration::from_millis(200));
+        assert_eq!(room.client.held(), Some(Setpoint::REST));
+        assert_eq!(room.robot.state, State::Armed);
         room.lively.clear();
         if is_closed {
             room.pages.close(ANNA, &mut room.cockpit, &mut room.client, room.now);
         }
         room.run(2 * REST);
         assert_eq!(room.robot.state, State::Disarmed, "{is_closed}");
-        let disarms = room.robot.commands.iter().filter(|it| **it == Command::Disarm).count();
-        assert_eq!(disarms, 1, "{is_closed}");
+        assert_eq!(room.log().matches("the robot is disarmed").count(), 1, "{}", room.log());
     }
 }
 
 #[test]
 fn a_robot_is_asked_to_disarm_until_it_is_disarmed_or_armed_anew() {
-    let lost = Duration::from_secs(5);
+    let is_off: fn(&Command) -> bool = |it| *it == Command::Order(Order::Off);
+    let lost = Duration::from_millis(200);
     let mut room = Room::walking();
-    room.robot.lost = Some(Command::Disarm);
+    room.robot.loses = is_off;
     room.lively.clear();
     room.pages.close(ANNA, &mut room.cockpit, &mut room.client, room.now);
     room.run(lost);
-    assert_ne!(room.robot.state, State::Disarmed, "nothing asked it");
-    room.robot.lost = None;
-    room.run(REST);
+    assert_eq!(room.robot.state, State::Running, "nothing asked it");
+    room.robot.loses = |_| false;
+    room.run(Duration::from_millis(50));
     assert_eq!(room.robot.state, State::Disarmed);
     // Whoever arms it means that.
     let mut room = Room::walking();
-    room.robot.lost = Some(Command::Disarm);
+    room.robot.loses = is_off;
     room.act(ANNA, Action::Disarm);
+    room.robot.loses = |_| false;
+    room.robot.ramps_down_for = 10;
+    room.run(Duration::from_millis(50));
     room.act(ANNA, Action::Arm);
-    room.robot.lost = None;
-    room.run(lost);
+    room.run(REST);
     assert_eq!(room.robot.state, State::Armed);
 }
 
 #[test]
 fn a_robot_that_halted_meanwhile_is_not_armed_by_enter_however_often_it_was_pressed_before() {
     let mut room = Room::new();
-    room.robot.ramps_down_for = 100;
+    room.robot.ramps_down_for = 1000;
     for _ in 0..2 {
         room.act(ANNA, Action::Arm);
         room.run(Duration::from_millis(50));
@@ -463,16 +470,19 @@ fn a_snapshot_counts_the_open_pages() {
 
 #[test]
 fn a_robot_that_disarmed_by_itself_is_not_armed_again_by_the_same_enter() {
-    let mut room = Room::new();
-    room.robot.lost_answer = Some(Command::Arm);
-    room.act(ANNA, Action::Arm);
-    assert_eq!(room.robot.state, State::Armed);
-    room.robot.is_deaf = true;
-    room.run(Duration::from_millis(1_300));
-    assert_eq!(room.cockpit.telemetry.unwrap().state, State::Disarmed);
-    (room.robot.is_deaf, room.robot.lost_answer) = (false, None);
-    room.run(Duration::from_secs(3));
-    assert_eq!(room.robot.state, State::Disarmed);
+    for states_nothing in [true, false] {
+        let mut room = Room::new();
+        // The robot is not heard again before it disarms.
+        room.robot.is_mute = states_nothing;
+        room.act(ANNA, Action::Arm);
+        assert_eq!(room.robot.state, State::Armed);
+        room.robot.lose_link();
+        room.run(Duration::from_millis(300));
+        room.robot.is_mute = false;
+        room.run(Duration::from_secs(3));
+        assert_eq!(room.robot.state, State::Disarmed);
+        assert_eq!(room.client.order(), Order::Off);
+    }
 }
 
 #[test]
@@ -492,25 +502,24 @@ fn a_robot_that_disarmed_by_itself_is_not_armed_again_by_a_second_enter_from_bef
 #[test]
 fn enter_is_dead_when_its_patience_is_over() {
     let mut room = Room::new();
-    room.robot.ramps_down_for = 1000;
+    room.robot.is_unproven = true;
     room.act(ANNA, Action::Arm);
     room.run(Duration::from_millis(2_850));
-    room.robot.ramps_down_for = 0;
-    room.robot.lost = Some(Command::Arm);
-    room.run(Duration::from_millis(1_500));
-    room.robot.lost = None;
+    assert!(!room.log().contains("not done"), "{}", room.log());
+    room.run(Duration::from_millis(100));
+    assert!(room.log().contains("not done: the link has not been"), "{}", room.log());
+    room.robot.is_unproven = false;
     room.run(Duration::from_secs(1));
-    assert_eq!(room.robot.state, State::Disarmed, "armed 4.5 s after Enter: {}", room.log());
+    assert_eq!(room.robot.state, State::Disarmed, "armed after 3 s: {}", room.log());
 }
 
 #[test]
 fn enter_that_ended_without_an_answer_is_said() {
     let mut room = Room::new();
-    room.robot.lost = Some(Command::Arm);
+    room.robot.loses = |it| matches!(it, Command::Order(Order::Arm(_)));
     room.act(ANNA, Action::Arm);
-    let before = room.log();
     room.run(Duration::from_secs(6));
-    assert_ne!(room.log(), before);
+    assert!(room.log().contains("the robot did not answer"), "{}", room.log());
 }
 
 #[test]
@@ -518,22 +527,38 @@ fn enter_that_is_given_up_for_a_halt_is_said() {
     let mut room = Room::new();
     room.robot.ramps_down_for = 100;
     room.act(ANNA, Action::Arm);
-    let before = room.log();
     room.robot.halt();
-    room.run(Duration::from_secs(6));
-    assert_ne!(room.log(), before);
+    room.run(Duration::from_millis(100));
+    assert!(room.log().contains("not done: the robot halted by itself"), "{}", room.log());
 }
 
 #[test]
 fn who_takes_over_takes_no_arming_over() {
-    let mut room = Room::new();
+    let waits: [fn(&mut FakeRobot); 2] =
+        [|robot| robot.ramps_down_for = 20, |robot| robot.is_unproven = true];
+    for (place, waits) in waits.into_iter().enumerate() {
+        let mut room = Room::new();
+        room.open(BOB);
+        waits(&mut room.robot);
+        room.act(ANNA, Action::Arm);
+        room.ask(BOB, Request::Drive);
+        assert_eq!(room.pages.driver(), Some(BOB));
+        room.robot.is_unproven = false;
+        room.run(Duration::from_secs(3));
+        assert_eq!(room.robot.state, State::Disarmed, "{place}");
+    }
+}
+
+#[test]
+fn who_takes_over_takes_no_clearing_over() {
+    let mut room = Room::walking();
     room.open(BOB);
-    room.robot.ramps_down_for = 10;
-    room.act(ANNA, Action::Arm);
+    room.act(ANNA, Action::Stop);
+    room.robot.ramps_down_for = 20;
+    room.act(ANNA, Action::Clear);
     room.ask(BOB, Request::Drive);
-    assert_eq!(room.pages.driver(), Some(BOB));
     room.run(Duration::from_secs(3));
-    assert_eq!(room.robot.state, State::Disarmed);
+    assert!(room.robot.stopped);
 }
 
 #[test]
@@ -541,7 +566,7 @@ fn a_page_that_is_closed_clears_nothing_any_more() {
     for closes in [true, false] {
         let mut room = Room::walking();
         room.act(ANNA, Action::Stop);
-        room.robot.ramps_down_for = 40;
+        room.robot.ramps_down_for = 100;
         room.act(ANNA, Action::Clear);
         room.lively.clear();
         if closes {
@@ -549,22 +574,6 @@ fn a_page_that_is_closed_clears_nothing_any_more() {
         }
         room.run(Duration::from_secs(3));
         assert!(room.robot.stopped, "{closes}");
-    }
-}
-
-#[test]
-fn enter_in_a_new_session_is_not_given_up_for_halts_of_the_last() {
-    for halts in 0..2 {
-        let mut room = Room::new();
-        (0..halts).for_each(|_| room.robot.halt());
-        room.run(Duration::from_millis(100));
-        room.robot.restart();
-        room.robot.is_deaf = true;
-        room.run(Duration::from_millis(1_200));
-        room.act(ANNA, Action::Arm);
-        room.robot.is_deaf = false;
-        room.run(Duration::from_secs(3));
-        assert_eq!(room.robot.state, State::Armed, "{halts}: {}", room.log());
     }
 }
 
@@ -579,31 +588,70 @@ fn arm_clear_arm_then_disarm_or_stop_leaves_it_disarmed() {
                 room.run(Duration::from_millis(20));
             }
             room.run(Duration::from_millis(50));
-            let armings = room.robot.commands.iter().filter(|it| **it == Command::Arm).count();
+            let armings = room.armings();
             room.robot.ramps_down_for = 0;
             room.act(ANNA, Action::Clear);
             room.run(Duration::from_secs(6));
             assert_eq!(room.robot.state, State::Disarmed, "{last:?} {ramps}");
-            let after = room.robot.commands.iter().filter(|it| **it == Command::Arm).count();
-            assert_eq!(after, armings, "{last:?} {ramps}");
+            assert_eq!(room.armings(), armings, "{last:?} {ramps}");
         }
     }
 }
 
 #[test]
-fn rest_is_held_while_a_robot_is_being_armed_and_not_once_it_refused() {
+fn a_robot_is_ordered_to_arm_until_it_is_armed_and_not_once_it_refused() {
     let mut room = Room::new();
-    room.robot.ramps_down_for = 1000;
+    room.robot.is_unproven = true;
     room.act(ANNA, Action::Arm);
     room.run(Duration::from_secs(2));
-    assert_eq!(room.client.held(), Some(Setpoint::REST));
+    assert!(matches!(room.client.order(), Order::Arm(_)));
     room.run(Duration::from_secs(2));
-    assert_eq!(room.client.held(), None);
+    assert_eq!(room.client.order(), Order::Off);
     // Nothing of the kind for a robot that is cleared.
     room.robot.fail(Fault::Stall);
     room.run(Duration::from_millis(100));
     room.act(ANNA, Action::Clear);
-    assert_eq!(room.client.held(), None);
+    assert_eq!(room.client.order(), Order::Off);
+    assert!(room.robot.faults.is_empty());
+}
+
+#[test]
+fn a_key_without_telemetry_does_nothing_and_that_is_said() {
+    let mut room = Room::new();
+    room.robot.is_mute = true;
+    room.robot.restart();
+    room.robot.is_mute = true;
+    room.run(Duration::from_secs(3));
+    room.act(ANNA, Action::Arm);
+    assert!(room.log().contains("has not stated yet"), "{}", room.log());
+    room.robot.is_mute = false;
+    room.run(Duration::from_secs(2));
+    assert_eq!(room.robot.state, State::Disarmed);
+    room.act(ANNA, Action::Arm);
+    assert_eq!(room.robot.state, State::Armed, "{}", room.log());
+}
+
+#[test]
+fn a_walk_that_a_halt_ended_is_said_and_goes_on_only_by_a_key() {
+    let mut room = Room::walking();
+    room.robot.is_deaf = true;
+    room.run(Duration::from_millis(300));
+    assert_eq!(room.robot.halted_by, Halt::Rested);
+    room.robot.is_deaf = false;
+    room.run(REST);
+    assert_eq!((room.robot.state, room.robot.setpoint), (State::Armed, Setpoint::REST));
+    assert_eq!(room.cockpit.setpoint, Setpoint::REST);
+    assert!(room.log().contains("not done: the robot halted by itself"), "{}", room.log());
+    room.act(ANNA, Action::Walk(PaperMode::LeftTurn));
+    assert_eq!(room.robot.setpoint, PaperMode::LeftTurn.setpoint());
+}
+
+#[test]
+fn to_clear_where_nothing_is_latched_is_said_and_lets_a_walk_go_on() {
+    let mut room = Room::walking();
+    room.act(ANNA, Action::Clear);
+    assert!(room.log().contains("nothing to clear"), "{}", room.log());
+    assert_eq!(room.robot.setpoint, PaperMode::Forward.setpoint());
 }
 
 #[test]

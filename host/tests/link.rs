@@ -4,13 +4,15 @@ use std::time::Duration;
 
 use crate::support::{FakeRobot, key, seeded_loss};
 use flix_host::link::{
-    Client, DISARMED_AFTER, KEEP_ALIVE, REQUEST_PATIENCE, SILENCE, STOP_BESIDE_AFTER, StopState,
-    TRY_AGAIN, Update,
+    Client, DISARMED_AFTER, KEEP_ALIVE, NotShown, PASSING_PATIENCE, REQUEST_PATIENCE, SILENCE,
+    STOP_BESIDE_AFTER, StopState, Update, Wish,
 };
 use flix_host::nav::Decision;
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_host::pose::PoseSample;
-use flix_protocol::message::{Command, Fault, Outcome, ParameterCommand, Refusal, Setpoint, State};
+use flix_protocol::message::{
+    Command, Fault, Halt, Order, Outcome, ParameterCommand, Refusal, Setpoint, State,
+};
 use flix_protocol::session::{ConnectError, StopSession};
 use flix_protocol::units::Instant;
 
@@ -58,10 +60,22 @@ impl World {
 
     fn armed() -> Self {
         let mut world = Self::connected();
-        world.client.request(world.now, Command::Arm);
+        world.press(Wish::Arm);
         world.run(Duration::from_millis(50));
         assert_eq!(world.robot.state, State::Armed);
         world
+    }
+
+    fn walking() -> Self {
+        let mut world = Self::armed();
+        world.client.want(world.now, setpoint(-30.0, 30.0));
+        world.run(Duration::from_millis(50));
+        assert_eq!(world.robot.state, State::Running);
+        world
+    }
+
+    fn press(&mut self, wish: Wish) {
+        self.client.press(self.now, wish).unwrap();
     }
 
     fn run(&mut self, duration: Duration) {
@@ -119,6 +133,15 @@ impl World {
         assert!(self.robot.stopped);
     }
 
+    /// Why each wish ended.
+    fn endings(&self) -> Vec<(Order, Option<Refusal>)> {
+        let ended = |update: &Update| match update {
+            Update::Ended { order, why } => Some((*order, why.clone())),
+            _ => None,
+        };
+        self.updates.iter().filter_map(ended).collect()
+    }
+
     fn answer(&self, wanted: u32) -> Option<&Outcome> {
         self.updates.iter().find_map(|update| match update {
             Update::Answer { request, outcome } if *request == wanted => Some(outcome),
@@ -138,15 +161,12 @@ fn setpoint(frequency: f32, direction: f32) -> Setpoint {
 #[test]
 fn what_is_held_is_repeated_at_a_fixed_rate() {
     let mut world = World::armed();
-    let before = world.robot.commands.len();
+    let before = world.robot.orders;
     world.client.hold(world.now, setpoint(-30.0, 30.0));
     world.run(Duration::from_secs(1));
-    let setpoints = world.robot.commands[before..]
-        .iter()
-        .filter(|command| matches!(command, Command::Setpoint(_)))
-        .count();
+    let orders = world.robot.orders - before;
     let expected = usize::try_from(Duration::from_secs(1).as_millis() / KEEP_ALIVE.as_millis());
-    assert!(setpoints.abs_diff(expected.unwrap()) <= 1, "{setpoints} setpoints in a second");
+    assert!(orders.abs_diff(expected.unwrap()) <= 1, "{orders} orders in a second");
     assert_eq!(world.robot.setpoint, setpoint(-30.0, 30.0));
 }
 
@@ -201,104 +221,244 @@ fn an_acknowledged_stop_is_not_repeated() {
     let mut world = World::armed();
     world.client.stop(world.now);
     world.run(Duration::from_millis(100));
-    let stops = |world: &World| {
-        world.robot.commands.iter().filter(|command| **command == Command::Stop).count()
-    };
-    let acknowledged = stops(&world);
+    let at = world.robot.stopped_at;
     world.run(Duration::from_secs(1));
-    assert_eq!(stops(&world), acknowledged);
-}
-
-#[test]
-fn stop_overtakes_what_was_asked_before() {
-    let mut world = World::connected();
-    let arm = world.client.request(world.now, Command::Arm);
-    world.client.stop(world.now);
-    world.run(Duration::from_secs(1));
-    assert!(!world.robot.commands.contains(&Command::Arm));
-    assert!(world.updates.contains(&Update::Unanswered { request: arm }));
+    assert_eq!(world.robot.stopped_at, at);
+    assert_eq!(world.robot.commands.last(), Some(&Command::Order(Order::Off)));
 }
 
 #[test]
 fn a_robot_that_was_disarmed_is_not_armed_by_what_was_asked_before() {
     let mut world = World::connected();
-    let arm = world.client.request(world.now, Command::Arm);
-    world.run(Duration::from_millis(2));
-    // The answer to it is lost.
-    world.is_cut = true;
-    world.run(Duration::from_millis(40));
-    world.is_cut = false;
-    world.client.release();
-    world.client.request(world.now, Command::Disarm);
+    world.press(Wish::Arm);
+    world.run(2 * TICK);
+    let delayed: Vec<_> = world.to_robot.drain(..).map(|(_, datagram)| datagram).collect();
+    assert!(!delayed.is_empty());
+    world.client.disarm(world.now);
+    world.run(Duration::from_millis(100));
+    for datagram in delayed {
+        world.robot.receive(world.now, OPERATOR.parse().unwrap(), &datagram);
+    }
     world.run(Duration::from_secs(1));
-    assert_eq!(world.robot.state, State::Disarmed);
-    assert_eq!(world.robot.commands.iter().filter(|it| **it == Command::Arm).count(), 1);
-    assert!(world.updates.contains(&Update::Unanswered { request: arm }));
+    assert_eq!((world.robot.state, armings(&world)), (State::Disarmed, 0));
 }
 
-/// Counts how often the robot was asked to arm.
+/// Counts how often the robot was ordered to arm.
 fn armings(world: &World) -> usize {
-    count(world, &Command::Arm)
-}
-
-/// How often the robot got this command.
-fn count(world: &World, command: &Command) -> usize {
-    world.robot.commands.iter().filter(|it| *it == command).count()
+    let is_arm = |it: &&Command| matches!(it, Command::Order(Order::Arm(_)));
+    world.robot.commands.iter().filter(is_arm).count()
 }
 
 #[test]
-fn what_is_insisted_on_is_asked_again_while_the_robot_refuses_for_what_passes() {
+fn what_a_robot_cannot_do_yet_is_done_once_it_can() {
     let mut world = World::connected();
-    world.robot.ramps_down_for = 3;
-    let arm = world.client.insist(world.now, Command::Arm, Duration::from_secs(1));
-    world.run(Duration::from_millis(50));
-    assert_eq!(armings(&world), 1);
-    assert_eq!(world.answer(arm), None);
-    world.run(4 * TRY_AGAIN);
-    assert_eq!(armings(&world), 4);
-    assert_eq!(world.answer(arm), Some(&Outcome::Done));
-    assert_eq!(world.robot.state, State::Armed);
+    world.robot.ramps_down_for = 10;
+    world.press(Wish::Arm);
+    world.run(Duration::from_millis(100));
+    assert_eq!(world.robot.state, State::Disarmed);
+    world.run(Duration::from_millis(300));
+    assert_eq!((world.robot.state, armings(&world)), (State::Armed, 1));
+    assert_eq!(world.endings(), []);
 }
 
 #[test]
-fn what_is_insisted_on_is_refused_once_patience_is_over_and_at_once_for_what_stays() {
-    let patience = TRY_AGAIN * 5 / 2;
+fn wishes_of_a_person_end_in_time_with_what_was_said_last() {
     let mut world = World::connected();
-    world.robot.ramps_down_for = 100;
-    let arm = world.client.insist(world.now, Command::Arm, patience);
-    world.run(2 * patience);
-    let stopping = Outcome::Refused(Refusal::State(State::Stopping));
-    assert_eq!((armings(&world), world.answer(arm)), (3, Some(&stopping)));
-    // What is asked once is answered once.
-    let arm = world.client.request(world.now, Command::Arm);
-    world.run(Duration::from_millis(50));
-    assert_eq!((armings(&world), world.answer(arm)), (4, Some(&stopping)));
+    world.robot.is_unproven = true;
+    world.press(Wish::Arm);
+    let order = world.client.order();
+    world.run(PASSING_PATIENCE - TICK);
+    assert_eq!((world.client.order(), world.endings()), (order, Vec::new()));
+    world.run(2 * TICK);
+    assert_eq!(world.endings(), [(order, Some(Refusal::LinkUnproven))]);
+    world.robot.is_unproven = false;
+    world.run(Duration::from_secs(1));
+    assert_eq!((world.robot.state, world.client.order()), (State::Disarmed, Order::Off));
+}
 
-    world.robot.ramps_down_for = 0;
+#[test]
+fn a_wish_that_the_robot_never_heard_ends_without_a_reason() {
+    let mut world = World::connected();
+    world.robot.loses = |it| matches!(it, Command::Order(Order::Arm(_)));
+    world.press(Wish::Arm);
+    let order = world.client.order();
+    world.run(PASSING_PATIENCE + TICK);
+    assert_eq!(world.endings(), [(order, None)]);
+}
+
+#[test]
+fn a_wish_ends_at_once_for_what_does_not_pass() {
+    let stops: fn(&mut World) = World::stop_from_outside;
+    let fails: fn(&mut World) = |it| it.robot.fail(Fault::Stall);
+    for (comes, is_so) in [
+        (stops, (|it| *it == Refusal::Stopped) as fn(&Refusal) -> bool),
+        (fails, |it| matches!(it, Refusal::Faulted(_))),
+    ] {
+        let mut world = World::connected();
+        comes(&mut world);
+        world.run(Duration::from_millis(50));
+        world.press(Wish::Arm);
+        world.run(Duration::from_millis(50));
+        let endings = world.endings();
+        assert!(matches!(&endings[..], [(Order::Arm(_), Some(why))] if is_so(why)), "{endings:?}");
+        assert_eq!(world.client.order(), Order::Off);
+    }
+}
+
+#[test]
+fn settings_that_nothing_is_armed_with_are_named() {
+    let mut world = World::connected();
+    world.robot.minds_settings = true;
+    world.press(Wish::Arm);
+    world.run(Duration::from_millis(100));
+    let name = "pole_pairs".try_into().unwrap();
+    let endings = world.endings();
+    assert!(
+        matches!(&endings[..], [(Order::Arm(_), Some(why))] if *why == Refusal::Assumed { name }),
+        "{endings:?}"
+    );
+    let is_check = |it: &&Command| **it == Command::Parameter(ParameterCommand::Check);
+    assert_eq!(world.robot.commands.iter().filter(is_check).count(), 1);
+    // Nobody asked for that answer.
+    assert!(!world.updates.iter().any(|it| matches!(it, Update::Answer { .. })));
+}
+
+#[test]
+fn a_wish_is_refused_before_the_robot_has_stated_its_permit() {
+    let wishes = [Wish::Arm, Wish::Shake(setpoint(10.0, 0.0)), Wish::Clear];
+    let mut world = World::new();
+    world.robot.is_mute = true;
+    let assert_refused = |world: &mut World| {
+        for wish in wishes {
+            assert_eq!(world.client.press(world.now, wish), Err(NotShown));
+        }
+    };
+    assert_refused(&mut world);
+    world.run(Duration::from_millis(200));
+    assert!(world.client.is_connected(world.now));
+    assert_refused(&mut world);
+    world.robot.is_mute = false;
+    world.run(Duration::from_millis(50));
+    world.press(Wish::Arm);
+    // Nothing of it outlives the session.
+    world.is_cut = true;
+    world.run(Duration::from_millis(1_500));
+    assert_refused(&mut world);
+    world.is_cut = false;
+    world.run(Duration::from_secs(1));
+    assert_eq!((world.robot.state, world.client.order()), (State::Disarmed, Order::Off));
+}
+
+#[test]
+fn an_idle_client_says_off() {
+    let mut world = World::connected();
+    world.run(Duration::from_secs(1));
+    assert_eq!(world.robot.commands, [Command::Order(Order::Off)]);
+    assert!(world.robot.orders > 45);
+}
+
+#[test]
+fn a_robot_is_disarmed_by_a_client_that_wants_nothing() {
+    let mut world = World::armed();
+    world.client.disarm(world.now);
+    world.run(Duration::from_millis(50));
+    assert_eq!(world.robot.state, State::Disarmed);
+}
+
+#[test]
+fn who_clears_where_nothing_is_latched_says_off_alone() {
+    let mut world = World::connected();
+    world.press(Wish::Clear);
+    world.run(Duration::from_millis(200));
+    assert_eq!(world.robot.commands, [Command::Order(Order::Off)]);
+    assert_eq!(world.endings(), []);
+    // A walk goes on.
+    let mut world = World::walking();
+    world.press(Wish::Clear);
+    world.run(Duration::from_millis(200));
+    assert_eq!(world.robot.state, State::Running);
+}
+
+#[test]
+fn a_walk_whose_permit_is_old_becomes_rest_and_that_is_told() {
+    let mut world = World::walking();
+    let walk = world.client.order();
+    world.robot.halt();
+    world.run(Duration::from_millis(50));
+    let rest = setpoint(0.0, 30.0);
+    assert_eq!(world.endings(), [(walk, Some(Refusal::Rested))]);
+    assert_eq!(world.client.held(), Some(rest));
+    world.run(Duration::from_secs(2));
+    assert_eq!((world.robot.state, world.robot.setpoint), (State::Armed, Setpoint::REST));
+    assert_eq!(world.endings().len(), 1);
+}
+
+#[test]
+fn a_stop_is_acknowledged_only_by_a_robot_that_had_heard_it() {
+    let mut world = World::connected();
     world.stop_from_outside();
-    world.run(Duration::from_millis(50));
-    let arm = world.client.insist(world.now, Command::Arm, patience);
-    world.run(Duration::from_millis(50));
-    assert_eq!(world.answer(arm), Some(&Outcome::Refused(Refusal::Stopped)));
+    world.run(Duration::from_millis(100));
+    assert!(world.client.telemetry().unwrap().stopped);
+    world.robot.is_deaf = true;
+    world.client.stop(world.now);
+    world.run(Duration::from_millis(500));
+    assert_eq!(world.client.stop_state(), StopState::Sending);
+    world.robot.is_deaf = false;
+    world.run(Duration::from_millis(100));
+    assert_eq!(world.client.stop_state(), StopState::Acknowledged);
 }
 
 #[test]
-fn what_is_given_up_is_asked_no_more() {
-    let mut world = World::connected();
-    world.robot.ramps_down_for = 100;
-    let [arm, question] = [Command::Arm, Command::Identify]
-        .map(|it| world.client.insist(world.now, it, Duration::from_secs(1)));
-    world.run(Duration::from_millis(50));
-    world.client.give_up_on_moving(None);
-    world.run(Duration::from_millis(500));
-    assert_eq!((armings(&world), world.answer(arm)), (1, None));
-    assert!(world.answer(question).is_some());
+fn nothing_else_is_pressed_until_a_stop_is_acknowledged() {
+    let mut world = World::walking();
+    world.client.stop(world.now);
+    for wish in [Wish::Arm, Wish::Shake(setpoint(10.0, 0.0)), Wish::Clear] {
+        assert_eq!(world.client.press(world.now, wish), Err(NotShown));
+    }
+    world.client.hold(world.now, setpoint(10.0, 0.0));
+    world.client.disarm(world.now);
+    assert_eq!(world.client.order(), Order::Stop);
+    world.run(Duration::from_millis(100));
+    assert!(world.robot.stopped);
+    world.press(Wish::Clear);
+}
+
+#[test]
+fn what_is_given_up_is_ordered_no_more() {
+    let cannot: [fn(&mut FakeRobot); 3] = [
+        |it| it.is_unproven = true,
+        |it| it.ramps_down_for = 10,
+        |it| (it.stopped, it.ramps_down_for) = (true, 10),
+    ];
+    for (place, cannot) in cannot.into_iter().enumerate() {
+        let mut world = World::connected();
+        cannot(&mut world.robot);
+        world.run(Duration::from_millis(50));
+        let stopped = world.robot.stopped;
+        world.press(if stopped { Wish::Clear } else { Wish::Arm });
+        let question = world.client.request(world.now, Command::Identify);
+        world.run(Duration::from_millis(100));
+        world.client.give_up(world.now);
+        world.robot.is_unproven = false;
+        world.run(Duration::from_secs(1));
+        let state = (world.robot.state, world.robot.stopped);
+        assert_eq!(state, (State::Disarmed, stopped), "{place}");
+        assert!(world.answer(question).is_some());
+    }
+}
+
+#[test]
+fn who_gives_up_what_the_robot_has_done_changes_nothing() {
+    let mut world = World::walking();
+    world.client.give_up(world.now);
+    world.run(Duration::from_millis(100));
+    assert_eq!(world.robot.state, State::Running);
 }
 
 #[test]
 fn what_is_never_answered_is_given_up_while_the_session_stands() {
     let mut world = World::connected();
-    world.robot.lost = Some(Command::Identify);
+    world.robot.loses = |it| *it == Command::Identify;
     let question = world.client.request(world.now, Command::Identify);
     world.run(REQUEST_PATIENCE - Duration::from_millis(50));
     assert!(!world.updates.contains(&Update::Unanswered { request: question }));
@@ -331,13 +491,12 @@ fn nothing_that_was_asked_before_a_stop_from_outside_clears_it() {
     let mut world = World::armed();
     world.client.stop(world.now);
     world.run(Duration::from_millis(50));
-    let clear = world.client.request(world.now, Command::Clear);
-    world.run(Duration::from_millis(2));
+    world.press(Wish::Clear);
+    let clear = world.client.order();
+    world.run(2 * TICK);
     world.stop_from_outside();
-    // Even where the event is lost.
-    world.to_robot.clear();
     world.run(Duration::from_secs(1));
-    assert_eq!(world.answer(clear), Some(&Outcome::Refused(Refusal::Stopped)));
+    assert_eq!(world.endings(), [(clear, Some(Refusal::Stopped))]);
     assert!(world.robot.stopped);
 }
 
@@ -347,24 +506,27 @@ fn who_knows_of_a_stop_clears_it() {
     for stop in [|it: &mut World| it.client.stop(it.now), World::stop_from_outside] {
         stop(&mut world);
         world.run(Duration::from_millis(100));
-        let clear = world.client.request(world.now, Command::Clear);
+        world.press(Wish::Clear);
         world.run(Duration::from_millis(100));
-        assert_eq!(world.answer(clear), Some(&Outcome::Done));
+        assert!(!world.robot.stopped);
+        assert_eq!((world.client.order(), world.endings()), (Order::Off, Vec::new()));
     }
 }
 
 #[test]
 fn who_asked_to_arm_is_driving_until_the_robot_has_answered() {
     let mut world = World::new();
-    while !world.client.is_connected(world.now) {
+    while world.client.press(world.now, Wish::Arm).is_err() {
         world.step();
     }
-    let arm = world.client.request(world.now, Command::Arm);
-    // Also where the first telemetry states the robot as it was before.
-    while world.client.telemetry().is_none() || world.answer(arm).is_none() {
-        world.step();
+    // Also where telemetry states the robot as it was before, and until its link is proven.
+    while world.robot.state != State::Armed {
         assert!(world.client.is_driving());
+        world.step();
     }
+    world.client.disarm(world.now);
+    world.run(Duration::from_millis(100));
+    assert!(!world.client.is_driving());
 }
 
 #[test]
@@ -395,7 +557,7 @@ fn who_wakes_late_learns_that_a_robot_has_disarmed_by_itself() {
 
 #[test]
 fn after_an_outage_a_robot_at_rest_is_driven_no_more() {
-    for (state, is_driven) in [(State::Disarmed, false), (State::Armed, true)] {
+    for (state, is_driven) in [(State::Disarmed, false), (State::Stopping, true)] {
         let mut world = World::armed();
         world.is_cut = true;
         world.run(Duration::from_millis(1_100));
@@ -409,81 +571,19 @@ fn after_an_outage_a_robot_at_rest_is_driven_no_more() {
 }
 
 #[test]
-fn a_robot_that_is_kept_from_hearing_disarm_hears_no_sign_of_life_either() {
-    let mut world = World::armed();
-    world.client.release();
-    world.client.request(world.now, Command::Disarm);
-    let disarm = world.client.transmit(world.now).unwrap();
-    world.lost_length = Some(disarm.len());
-    world.run(Duration::from_millis(1_500));
-    assert_eq!(world.robot.state, State::Disarmed);
-    assert!(!world.robot.commands.contains(&Command::Disarm));
-}
-
-#[test]
-fn a_stop_after_what_the_robot_stated_last_is_news_however_late_that_came() {
-    let mut world = World::connected();
-    world.latency = Duration::from_millis(400);
-    world.run(Duration::from_secs(1));
-    // Telemetry from before the stop is still under way.
-    world.stop_from_outside();
-    world.lose = Box::new(|| true);
-    world.run(Duration::from_millis(2_000));
-    let clear = world.client.request(world.now, Command::Clear);
-    (world.lose, world.latency) = (Box::new(|| false), Duration::from_millis(5));
-    world.run(Duration::from_millis(1_500));
-    assert_eq!(world.answer(clear), Some(&Outcome::Refused(Refusal::Stopped)));
-}
-
-#[test]
-fn what_was_asked_without_a_session_clears_no_stop_that_came_meanwhile() {
-    // Of the times between two pieces of telemetry one has it stated at the very time of the stop.
-    for (is_news, after) in [true, false].into_iter().flat_map(|it| (0..20).map(move |ms| (it, ms)))
-    {
-        let mut world = World::connected();
-        world.run(Duration::from_millis(after));
-        if !is_news {
-            world.stop_from_outside();
-            while world.client.telemetry().is_none_or(|it| !it.stopped) {
-                world.step();
-            }
-        }
-        world.is_cut = true;
-        world.run(Duration::from_millis(1_500));
-        let [clear, arm] =
-            [Command::Clear, Command::Arm].map(|it| world.client.request(world.now, it));
-        if is_news {
-            world.stop_from_outside();
-        }
-        world.is_cut = false;
-        world.run(Duration::from_millis(1_500));
-        let refused = Some(&Outcome::Refused(Refusal::Stopped));
-        assert_eq!(world.answer(clear) == refused, is_news);
-        assert_eq!(world.answer(arm) == refused, is_news);
-        assert_eq!(world.robot.stopped, is_news);
-    }
-}
-
-#[test]
 fn what_was_asked_before_the_first_session_clears_no_stop_that_came_meanwhile() {
-    for is_news in [true, false] {
-        let mut world = World::new();
-        if !is_news {
-            world.stop_from_outside();
-            world.run(Duration::from_millis(100));
-            world.client = Client::new(key(), [8; 32], world.now);
-        }
-        world.is_cut = true;
-        world.run(Duration::from_millis(300));
-        let clear = world.client.request(world.now, Command::Clear);
-        if is_news {
-            world.stop_from_outside();
-        }
-        world.is_cut = false;
-        world.run(Duration::from_millis(1_500));
-        assert_eq!(world.robot.stopped, is_news);
-        assert_eq!(world.answer(clear) == Some(&Outcome::Done), !is_news);
-    }
+    let mut world = World::new();
+    world.is_cut = true;
+    world.run(Duration::from_millis(300));
+    assert_eq!(world.client.press(world.now, Wish::Clear), Err(NotShown));
+    world.stop_from_outside();
+    world.is_cut = false;
+    world.run(Duration::from_millis(1_500));
+    assert!(world.robot.stopped);
+    // Who has been shown it clears it.
+    world.press(Wish::Clear);
+    world.run(Duration::from_millis(100));
+    assert!(!world.robot.stopped);
 }
 
 #[test]
@@ -491,15 +591,19 @@ fn a_person_who_wants_the_same_again_is_heard_at_once_and_a_program_that_holds_i
     let mut world = World::armed();
     let walk = setpoint(-30.0, 30.0);
     for _ in 0..3 {
-        let intent = world.robot.intent;
-        world.client.hold(world.now, walk);
-        world.run(Duration::from_millis(100));
-        assert_eq!(world.robot.intent, intent);
         world.client.want(world.now, walk);
         world.run(2 * world.latency + TICK);
-        assert_eq!(world.robot.intent, intent.wrapping_add(1));
+        assert_eq!(world.robot.setpoint, walk);
+        // Commands stay away, and the rotors come to rest.
+        world.robot.is_deaf = true;
+        world.run(Duration::from_millis(300));
+        world.robot.is_deaf = false;
+        for _ in 0..10 {
+            world.client.hold(world.now, walk);
+            world.run(Duration::from_millis(20));
+            assert_eq!(world.robot.setpoint, Setpoint::REST);
+        }
     }
-    assert_eq!(world.client.held(), Some(walk));
 }
 
 #[test]
@@ -580,33 +684,6 @@ fn a_robot_that_comes_back_is_not_started_again() {
 }
 
 #[test]
-fn a_robot_that_ramps_down_hears_setpoints_all_the_way() {
-    let mut world = World::armed();
-    world.client.hold(world.now, setpoint(-30.0, 30.0));
-    world.run(Duration::from_millis(100));
-    world.client.release();
-    world.robot.state = State::Stopping;
-    world.run(Duration::from_millis(100));
-    let before = world.robot.commands.len();
-    world.run(Duration::from_millis(100));
-    let heard = &world.robot.commands[before..];
-    assert!(heard.len() >= 4 && heard.iter().all(|it| *it == Command::Setpoint(Setpoint::REST)));
-}
-
-#[test]
-fn a_refused_setpoint_is_reported_once() {
-    let mut world = World::connected();
-    world.client.hold(world.now, setpoint(10.0, 0.0));
-    world.run(Duration::from_secs(1));
-    let reported: Vec<_> = world
-        .updates
-        .iter()
-        .filter(|update| matches!(update, Update::SetpointRefused(_)))
-        .collect();
-    assert_eq!(reported, [&Update::SetpointRefused(Refusal::State(State::Disarmed))]);
-}
-
-#[test]
 fn round_trips_are_measured_and_losses_counted() {
     let mut world = World::connected();
     world.latency = Duration::from_millis(20);
@@ -616,9 +693,14 @@ fn round_trips_are_measured_and_losses_counted() {
     assert!(world.client.statistics().loss() < 1e-9);
 
     world.lose = Box::new(seeded_loss(1, 0.1));
-    let before = world.client.statistics().unanswered();
+    let counted = |world: &World| {
+        let statistics = world.client.statistics();
+        [statistics.orders(), statistics.answered()].map(|it| it as f64)
+    };
+    let before = counted(&world);
     world.run(Duration::from_secs(60));
-    let lost = (world.client.statistics().unanswered() - before) as f64 / (60.0 * 50.0);
+    let after = counted(&world);
+    let lost = 1.0 - (after[1] - before[1]) / (after[0] - before[0]);
     assert!((lost - 0.19).abs() < 0.03, "0.1 each way is 0.19 there and back: {lost}");
 }
 
@@ -645,9 +727,9 @@ fn after_goodbye_nothing_is_sent() {
     let mut world = World::connected();
     world.client.leave();
     world.run(Duration::from_millis(20));
-    let commands = world.robot.commands.len();
+    let orders = world.robot.orders;
     world.run(Duration::from_secs(5));
-    assert_eq!(world.robot.commands.len(), commands);
+    assert_eq!(world.robot.orders, orders);
     assert!(!world.client.is_connected(world.now));
 }
 
@@ -677,12 +759,12 @@ fn transmit_at_lets_no_due_datagram_wait_and_wakes_nobody_for_nothing() {
         match step {
             700 => drop(client.request(now, Command::Identify)),
             1000 => {
-                client.request(now, Command::Arm);
+                client.press(now, Wish::Arm).unwrap();
                 client.stop(now);
             }
             // The robot hears neither, and the session ends.
             1500 => world.is_cut = true,
-            1600 => drop(client.request(now, Command::Disarm)),
+            1600 => drop(client.request(now, set_current())),
             1800 => client.stop(now),
             4000 => world.is_cut = false,
             _ => {}
@@ -702,78 +784,48 @@ fn transmit_at_lets_no_due_datagram_wait_and_wakes_nobody_for_nothing() {
     assert!(world.robot.stopped && world.client.stop_state() == StopState::Acknowledged);
 }
 
-fn too_large() -> Command {
-    let name = "current_limit".try_into().unwrap();
-    Command::Parameter(ParameterCommand::Set(name, 1e6))
-}
-
 fn set_current() -> Command {
     let name = "current_limit".try_into().unwrap();
     Command::Parameter(ParameterCommand::Set(name, 0.9))
 }
 
 #[test]
-fn what_waits_behind_an_insisting_request_is_sent_before_it_is_given_up() {
-    let mut world = World::connected();
-    world.robot.ramps_down_for = 100;
-    world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
-    let set = world.client.request(world.now, set_current());
-    world.run(Duration::from_secs(6));
-    assert!(world.answer(set).is_some(), "never sent: {:?}", world.updates);
-}
-
-#[test]
 fn who_disarms_and_arms_at_once_is_driving() {
     let mut world = World::armed();
-    world.client.release();
-    world.client.request(world.now, Command::Disarm);
+    world.client.disarm(world.now);
     world.run(Duration::from_secs(1));
     assert!(!world.client.is_driving());
-    let mut world = World::armed();
-    world.client.release();
-    world.client.request(world.now, Command::Disarm);
-    world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
-    world.run(Duration::from_secs(1));
-    assert_eq!(world.robot.state, State::Armed);
-    assert!(world.client.is_driving());
+    for between in [Duration::ZERO, 2 * TICK, Duration::from_millis(7)] {
+        let mut world = World::armed();
+        world.client.disarm(world.now);
+        world.run(between);
+        world.press(Wish::Arm);
+        world.run(Duration::from_secs(1));
+        assert_eq!(world.robot.state, State::Armed, "{between:?}");
+        assert!(world.client.is_driving());
+    }
 }
 
 #[test]
 fn who_stops_clears_and_arms_at_once_is_driving() {
     let mut world = World::connected();
     world.client.stop(world.now);
-    world.client.insist(world.now, Command::Clear, Duration::from_secs(3));
-    world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
+    world.run(Duration::from_millis(20));
+    for wish in [Wish::Clear, Wish::Arm] {
+        let is_there = |world: &World| match wish {
+            Wish::Clear => !world.robot.stopped,
+            _ => world.robot.state == State::Armed,
+        };
+        while !is_there(&world) {
+            if world.client.order() == Order::Off {
+                world.press(wish);
+            }
+            world.step();
+        }
+    }
     world.run(Duration::from_secs(1));
     assert_eq!(world.robot.state, State::Armed);
     assert!(world.client.is_driving());
-}
-
-#[test]
-fn a_robot_that_arms_is_not_said_to_have_refused() {
-    let mut world = World::connected();
-    world.latency = Duration::from_millis(75);
-    world.run(Duration::from_millis(500));
-    world.robot.ramps_down_for = 1;
-    let arm = world.client.insist(world.now, Command::Arm, Duration::from_millis(50));
-    world.run(Duration::from_secs(1));
-    let refused = matches!(world.answer(arm), Some(Outcome::Refused(_)));
-    assert!(!(refused && world.robot.state == State::Armed), "{:?}", world.updates);
-}
-
-#[test]
-fn a_second_answer_to_a_request_is_none_to_the_setpoint() {
-    let mut world = World::armed();
-    world.client.want(world.now, setpoint(-30.0, 30.0));
-    world.latency = Duration::from_millis(75);
-    world.run(Duration::from_millis(500));
-    for _ in 0..3 {
-        world.client.request(world.now, too_large());
-    }
-    world.client.request(world.now, Command::Identify);
-    world.run(Duration::from_secs(1));
-    let is_refused = |it: &Update| matches!(it, Update::SetpointRefused(_));
-    assert!(!world.updates.iter().any(is_refused), "{:?}", world.updates);
 }
 
 #[test]
@@ -783,7 +835,7 @@ fn what_is_asked_more_than_once_tells_nothing_of_the_link() {
     world.run(Duration::from_secs(1));
     world.robot.ramps_down_for = 5;
     world.client.request(world.now, Command::Identify);
-    world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
+    world.press(Wish::Arm);
     world.run(Duration::from_secs(4));
     let statistics = world.client.statistics();
     // Since the latency changed; before, it was 2 ms each way.
@@ -791,20 +843,22 @@ fn what_is_asked_more_than_once_tells_nothing_of_the_link() {
     assert!(of_now >= 2 * world.latency, "{of_now:?}");
     let odd = (1..100).map(|it| statistics.round_trip_quantile(f64::from(it) / 100.0).unwrap());
     let odd: Vec<_> = odd.filter(|it| (20..140).contains(&it.as_millis())).collect();
-    assert_eq!((odd, statistics.unanswered()), (Vec::new(), 0));
+    assert_eq!((odd, statistics.loss()), (Vec::new(), 0.0));
 }
 
 #[test]
 fn a_client_alone_arms_no_robot_that_halted_meanwhile() {
     let mut world = World::connected();
     world.robot.ramps_down_for = 100;
-    world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
+    world.press(Wish::Arm);
+    let arm = world.client.order();
     world.run(Duration::from_millis(300));
     world.robot.halt();
     world.run(Duration::from_millis(100));
     world.robot.ramps_down_for = 0;
     world.run(Duration::from_secs(2));
     assert_eq!(world.robot.state, State::Disarmed);
+    assert_eq!(world.endings(), [(arm, Some(Refusal::Rested))]);
 }
 
 #[test]
@@ -812,10 +866,13 @@ fn a_repeated_clear_clears_no_fault_that_came_after_it() {
     let mut world = World::armed();
     world.client.stop(world.now);
     world.run(Duration::from_millis(50));
-    world.robot.lost_answer = Some(Command::Clear);
-    world.client.insist(world.now, Command::Clear, Duration::from_secs(3));
+    world.robot.is_mute = true;
+    world.press(Wish::Clear);
     world.run(Duration::from_millis(50));
+    assert!(!world.robot.stopped);
     world.robot.fail(Fault::Stall);
+    world.run(Duration::from_millis(200));
+    world.robot.is_mute = false;
     world.run(Duration::from_millis(200));
     assert!(!world.robot.faults.is_empty());
 }
@@ -850,30 +907,22 @@ fn every_request_ends_once_and_a_stopped_robot_is_armed_by_nothing_older() {
         world.lose = Box::new(seeded_loss(seed, [0.0, 0.2, 0.5][dice.roll(3) as usize]));
         world.latency = Duration::from_millis([2, 30, 80, 150][dice.roll(4) as usize]);
         let mut asked = Vec::new();
-        // How often the robot had been asked to arm when it was asked to stop or to disarm, with no wish to arm it since.
-        let mut before = None;
+        // Whether the robot was to stop or disarm, with no wish to arm it since.
+        let mut is_off = false;
         for _ in 0..dice.roll(12) + 3 {
             world.robot.ramps_down_for = dice.roll(12) as u32;
-            let patience = Duration::from_millis([0, 100, 1000, 3000][dice.roll(4) as usize]);
             match dice.roll(9) {
-                0..=2 => {
-                    asked.push(world.client.insist(world.now, Command::Arm, patience));
-                    before = None;
-                }
-                3 => asked.push(world.client.insist(world.now, Command::Clear, patience)),
+                0..=2 => is_off &= world.client.press(world.now, Wish::Arm).is_err(),
+                3 => drop(world.client.press(world.now, Wish::Clear)),
                 4 => asked.push(world.client.request(world.now, set_current())),
                 5 => asked.push(world.client.request(world.now, Command::Identify)),
                 6 => {
-                    asked.push(world.client.request(world.now, Command::Disarm));
-                    let under_way = world.latency + 2 * TICK;
-                    world.run(under_way);
-                    before = Some(armings(&world));
+                    world.client.disarm(world.now);
+                    is_off = true;
                 }
                 7 => {
                     world.client.stop(world.now);
-                    let under_way = world.latency + 2 * TICK;
-                    world.run(under_way);
-                    before = Some(armings(&world));
+                    is_off = true;
                 }
                 _ => world.is_cut = dice.roll(4) == 0,
             }
@@ -884,36 +933,22 @@ fn every_request_ends_once_and_a_stopped_robot_is_armed_by_nothing_older() {
         world.is_cut = false;
         world.lose = Box::new(|| false);
         world.run(Duration::from_secs(20));
-        assert!(before.is_none_or(|it| it == armings(&world)), "seed {seed}");
+        assert!(!is_off || world.robot.state == State::Disarmed, "seed {seed}");
         assert_each_ended_once(&world, &asked, seed);
     }
-}
-
-#[test]
-fn patience_without_end_and_none() {
-    let mut world = World::connected();
-    world.robot.ramps_down_for = u32::MAX;
-    let arm = world.client.insist(world.now, Command::Arm, Duration::MAX);
-    world.run(Duration::from_secs(10));
-    assert_eq!(world.answer(arm), None);
-    world.client.stop(world.now);
-    world.run(Duration::from_millis(50));
-    assert!(world.robot.stopped);
-    assert!(world.updates.contains(&Update::Unanswered { request: arm }));
 }
 
 #[test]
 fn a_stop_is_not_delayed_by_what_insists() {
     let mut world = World::connected();
     world.robot.ramps_down_for = u32::MAX;
-    for _ in 0..5 {
-        world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
-        world.client.insist(world.now, Command::Clear, Duration::from_secs(3));
-    }
-    world.run(Duration::from_millis(333));
+    let asked: Vec<_> = (0..5).map(|_| world.client.request(world.now, set_current())).collect();
+    world.press(Wish::Arm);
     world.client.stop(world.now);
     world.run(world.latency + 2 * TICK);
     assert!(world.robot.stopped);
+    assert_eq!(armings(&world), 0);
+    assert_each_ended_once(&world, &asked, 0);
 }
 
 /// Has nothing to do.
@@ -926,28 +961,22 @@ impl Helm for Rests {
     }
 }
 
-/// Both ways are cut for 300 ms just when a robot begins to align its motors: they coast, and it was never driven.
-fn ends_after_an_outage(answer_is_lost: bool) -> Ending {
+#[test]
+fn a_pilot_arms_again_a_robot_that_let_go_while_it_aligned() {
     let mut world = World::connected();
     let mut pilot = Pilot::new(Rests, Vec::new(), None);
     world.robot.aligns_for_ever = true;
-    let mut ended = None;
     let mut cut_until = None;
+    let mut ended = None;
     for _ in 0..40_000 {
         if world.robot.state == State::Aligning && cut_until.is_none() {
-            // As the real one: without commands for 250 ms it disarms, and counts that.
+            // Both ways are cut: its motors coast, and it was never driven.
             world.is_cut = true;
-            if answer_is_lost {
-                world.to_client.clear();
-            }
             cut_until = Some(world.now + Duration::from_millis(300));
         }
-        if cut_until.is_some_and(|at| world.now + Duration::from_millis(50) == at) {
-            world.robot.state = State::Disarmed;
+        if world.is_cut && cut_until.is_some_and(|at| world.now >= at) {
+            assert_eq!(world.robot.halted_by, Halt::LetGo);
             world.robot.aligns_for_ever = false;
-            world.robot.halt();
-        }
-        if cut_until.is_some_and(|at| world.now >= at) {
             world.is_cut = false;
         }
         world.exchange();
@@ -956,17 +985,7 @@ fn ends_after_an_outage(answer_is_lost: bool) -> Ending {
             break;
         }
     }
-    ended.unwrap()
-}
-
-#[test]
-fn a_pilot_arms_again_a_robot_that_let_go_while_it_aligned_whose_answer_came() {
-    assert_eq!(ends_after_an_outage(false), Ending::Finished);
-}
-
-#[test]
-fn a_pilot_arms_again_a_robot_that_let_go_while_it_aligned_whose_answer_was_lost() {
-    assert_eq!(ends_after_an_outage(true), Ending::Finished);
+    assert_eq!(ended, Some(Ending::Finished));
 }
 
 #[test]
@@ -985,15 +1004,14 @@ fn older_telemetry_that_was_overtaken_is_no_halt() {
     assert!(!delayed.is_empty());
     world.robot.fail(Fault::Stall);
     world.run(Duration::from_millis(60));
-    assert_eq!(world.client.halts(), 1);
-    world.robot.ramps_down_for = 2;
-    let clear = world.client.insist(world.now, Command::Clear, Duration::from_secs(3));
+    world.robot.ramps_down_for = 10;
+    world.press(Wish::Clear);
     world.run(Duration::from_millis(20));
     for datagram in delayed {
         world.client.receive(world.now, &datagram);
     }
     world.run(Duration::from_secs(1));
-    assert_eq!(world.answer(clear), Some(&Outcome::Done), "{:?}", world.updates);
+    assert_eq!((world.robot.faults.is_empty(), world.endings()), (true, Vec::new()));
 }
 
 #[test]
@@ -1002,28 +1020,12 @@ fn what_a_halt_ended_names_the_fault_that_came_and_not_the_stop_that_was_known()
     world.client.stop(world.now);
     world.run(Duration::from_millis(100));
     world.robot.ramps_down_for = 100;
-    let clear = world.client.insist(world.now, Command::Clear, Duration::from_secs(3));
+    world.press(Wish::Clear);
     world.run(Duration::from_millis(100));
     world.robot.fail(Fault::Stall);
     world.run(Duration::from_millis(200));
-    let answer = world.answer(clear);
-    assert!(matches!(answer, Some(Outcome::Refused(Refusal::Faulted(_)))), "{answer:?}");
-}
-
-#[test]
-fn nothing_that_insists_is_sent_long_after_its_patience() {
-    let mut world = World::connected();
-    world.robot.lost = Some(set_current());
-    let patience = Duration::from_millis(1_900);
-    let set = world.client.insist(world.now, set_current(), patience);
-    world.run(Duration::from_millis(1_800));
-    world.robot.lost = Some(Command::Disarm);
-    let before = count(&world, &set_current());
-    world.client.request(world.now, Command::Disarm);
-    world.run(Duration::from_millis(700));
-    world.robot.lost = None;
-    world.run(Duration::from_secs(3));
-    assert_eq!(before, count(&world, &set_current()), "{:?} {set}", world.updates);
+    let endings = world.endings();
+    assert!(matches!(&endings[..], [(Order::Clear(_), Some(Refusal::Faulted(_)))]), "{endings:?}");
 }
 
 #[test]
@@ -1036,46 +1038,39 @@ fn nothing_wakes_for_ever_nothing_moves_late_and_everything_ends() {
         world.latency = Duration::from_millis([2, 40, 120][dice.roll(3) as usize]);
         let mut asked = Vec::new();
         let mut dead_at = world.now;
-        let mut seen = armings(&world);
+        let mut was_armed = false;
         let mut stop_by = None;
         for _ in 0..4000 {
             if dice.roll(150) == 0 {
-                world.robot.ramps_down_for = dice.roll(8) as u32;
-                let patience = Duration::from_millis([0, 100, 3000][dice.roll(3) as usize]);
+                world.robot.is_unproven = dice.roll(3) == 0;
                 match dice.roll(9) {
                     0 | 1 => {
-                        asked.push(world.client.insist(world.now, Command::Arm, patience));
-                        dead_at = dead_at.max(world.now + patience.max(REQUEST_PATIENCE));
+                        let is_pressed = world.client.press(world.now, Wish::Arm).is_ok();
+                        dead_at = if is_pressed { world.now + PASSING_PATIENCE } else { dead_at };
                     }
-                    2 => asked.push(world.client.insist(world.now, Command::Clear, patience)),
+                    2 => drop(world.client.press(world.now, Wish::Clear)),
                     3 => asked.push(world.client.request(world.now, set_current())),
-                    4 => {
-                        asked.push(world.client.request(world.now, Command::Disarm));
-                        let by = world.now + world.latency + 2 * TICK;
-                        let before = count(&world, &Command::Disarm);
-                        let is_sent =
-                            loss == 0.0 && world.client.stop_state() != StopState::Sending;
-                        stop_by = is_sent.then_some((by, before, Command::Disarm));
-                    }
+                    4 => world.client.disarm(world.now),
                     5 => world.robot.halt(),
                     6 => world.robot.fail(Fault::Stall),
                     7 => asked.push(world.client.request(world.now, Command::Identify)),
                     _ => {
                         world.client.stop(world.now);
                         let by = world.now + world.latency + 2 * TICK;
-                        let before = count(&world, &Command::Stop);
-                        stop_by = (loss == 0.0).then_some((by, before, Command::Stop));
+                        stop_by = (loss == 0.0).then_some((by, world.now));
                     }
                 }
             }
-            if let Some((_, before, command)) = stop_by.take_if(|it| world.now > it.0) {
-                assert!(count(&world, &command) > before, "seed {seed}: {command:?} is delayed");
+            if let Some((_, asked)) = stop_by.take_if(|it| world.now > it.0) {
+                let is_heard = world.robot.stopped_at.is_some_and(|at| at >= asked);
+                assert!(is_heard, "seed {seed}: a stop is delayed");
             }
             world.step();
-            if armings(&world) != seen {
-                seen = armings(&world);
+            let is_armed = world.robot.state == State::Armed;
+            if is_armed && !was_armed {
                 assert!(world.now <= dead_at + world.latency + 2 * TICK, "seed {seed}: late");
             }
+            was_armed = is_armed;
             let after = world.now;
             let mut many = 0;
             for _ in 0..2 {
@@ -1091,18 +1086,4 @@ fn nothing_wakes_for_ever_nothing_moves_late_and_everything_ends() {
         world.run(Duration::from_secs(30));
         assert_each_ended_once(&world, &asked, seed);
     }
-}
-
-#[test]
-fn what_a_disarm_overtook_does_not_keep_the_robot_from_being_armed() {
-    let mut world = World::connected();
-    world.robot.ramps_down_for = 100;
-    world.client.insist(world.now, Command::Arm, Duration::from_secs(3));
-    let set = world.client.request(world.now, set_current());
-    world.run(Duration::from_millis(50));
-    world.robot.ramps_down_for = 0;
-    world.client.request(world.now, Command::Disarm);
-    world.client.request(world.now, Command::Arm);
-    world.run(Duration::from_secs(4));
-    assert_eq!(world.robot.state, State::Armed, "{set}: {:?}", world.updates);
 }

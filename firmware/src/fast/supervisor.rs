@@ -25,7 +25,7 @@
 //! | Disarmed | stays | p present: Aligning | stays | p present: the trial begins | stays |
 //! | Disarmed, stop latched | stays | stays | stays | stays | p present: the stop is forgotten |
 //! | Aligning | Disarmed | goes on | goes on | Disarmed | goes on |
-//! | Aligning, in a trial | Disarmed | Disarmed | Disarmed | goes on | Disarmed |
+//! | Aligning, in a trial | Disarmed | Disarmed | Disarmed | the same trial: goes on; else Disarmed | Disarmed |
 //! | Armed | Stopping for good | rest | p present, in time: Running; else rest | Stopping for good | rest |
 //! | Running | Stopping for good | to rest, then Armed | p present: follow; else as `Arm` | Stopping for good | as `Arm` |
 //! | Stopping on silence, ramping | for good | back, to rest | p present: back, follow; else to rest | for good | back, to rest |
@@ -56,7 +56,7 @@
 mod tests;
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
-use flix_protocol::message::{Fault, Faults, Halt, Permit, State};
+use flix_protocol::message::{Fault, Faults, Halt, Permit, State, Trial};
 use flix_protocol::units::Instant;
 
 use crate::fast::exchange::{Asked, EventCounters, Wanted};
@@ -145,8 +145,8 @@ pub(crate) struct Supervisor {
     /// [`Asked::halts`] that have counted.
     pub(crate) halts: u8,
     ramp_down: bool,
-    /// Whether what measures the motors is a trial.
-    tries: bool,
+    /// The trial under way; `None` while the motors are aligned.
+    trial: Option<Trial>,
     /// What happened since power-up.
     pub(crate) events: EventCounters,
 }
@@ -169,7 +169,7 @@ impl Supervisor {
             stops: 0,
             halts: 0,
             ramp_down: false,
-            tries: false,
+            trial: None,
             events: EventCounters::default(),
         }
     }
@@ -263,8 +263,10 @@ impl Supervisor {
     fn begin(&mut self, now: Instant, asked: &Asked) {
         let silence = now.as_micros().saturating_sub(asked.heard.as_micros());
         let is_in_time = silence < LINK_LATE_US && now <= asked.expires;
-        if asked.begins && is_in_time && self.is_permitted(asked) {
-            self.tries = asked.wanted == Wanted::Try;
+        let trial = asked.trial.filter(|_| asked.wanted == Wanted::Try);
+        let is_whole = trial.is_some() == (asked.wanted == Wanted::Try);
+        if asked.begins && is_whole && is_in_time && self.is_permitted(asked) {
+            self.trial = trial;
             self.enter(State::Aligning);
         }
     }
@@ -380,10 +382,11 @@ impl Supervisor {
     }
 
     fn align(&mut self, asked: &Asked, conditions: &Conditions) -> Drive {
+        let tries = self.trial.is_some();
         let goes_on = match asked.wanted {
             Wanted::Off => false,
-            Wanted::Try => self.tries,
-            Wanted::Arm | Wanted::Shake | Wanted::Clear => !self.tries,
+            Wanted::Try => tries && self.trial == asked.trial,
+            Wanted::Arm | Wanted::Shake | Wanted::Clear => !tries,
         };
         if !goes_on {
             self.enter(State::Disarmed);
@@ -392,7 +395,7 @@ impl Supervisor {
         if conditions.outdated {
             return self.wait(conditions);
         }
-        if conditions.finished && self.tries {
+        if conditions.finished && tries {
             self.count(Halt::Tried);
             self.enter(State::Disarmed);
             return Drive::Brake;
@@ -402,7 +405,7 @@ impl Supervisor {
             self.enter(State::Armed);
             return Drive::Shake(Speed::ZERO, false);
         }
-        if self.tries { Drive::Try } else { Drive::Align }
+        if tries { Drive::Try } else { Drive::Align }
     }
 
     #[inline]

@@ -98,7 +98,7 @@ fn measure(connection: &mut Connection, duration: Duration) -> Result<Report, Li
     let quantile = |share| statistics.counted_quantile(share).map(milliseconds);
     Ok(Report {
         seconds: duration.as_secs_f64(),
-        pings: statistics.answered() + statistics.unanswered(),
+        pings: statistics.orders(),
         answered: statistics.answered(),
         loss: statistics.loss(),
         round_trip_ms: RoundTrip {

@@ -713,7 +713,7 @@ fn commands_wait_for_a_state_that_passes() {
     let operator = Operator::new();
     for words in [&["clear"][..], &["drive"]] {
         let mut busy = robot();
-        busy.ramps_down_for = 3;
+        (busy.stopped, busy.ramps_down_for) = (words == ["clear"], 3);
         let (served, address) = serve(busy);
         let words = if words == ["drive"] { drive(&address, &[]) } else { vec!["clear", &address] };
         operator.flix(&words).expect(0, &[]);
@@ -725,7 +725,7 @@ fn commands_wait_for_a_state_that_passes() {
 fn what_a_state_does_not_allow_has_a_code_of_its_own() {
     let operator = Operator::new();
     let mut busy = robot();
-    busy.ramps_down_for = u32::MAX;
+    (busy.stopped, busy.ramps_down_for) = (true, u32::MAX);
     let (_served, address) = serve(busy);
     operator.flix(&["clear", &address]).expect(32, &["is stopping and cannot do this now"]);
 }

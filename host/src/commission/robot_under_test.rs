@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use flix_protocol::failsafe::longest_command_age;
 use flix_protocol::message::{
-    Channel, Command, Fault, Mark, Outcome, Parameter, ParameterCommand, Refusal, ScopeCommand,
-    ScopePlan, ScopeState, Setpoint, State, Trigger,
+    Channel, Command, Fault, Halt, Mark, Outcome, Parameter, ParameterCommand, Permit, Refusal,
+    ScopeCommand, ScopePlan, ScopeState, Setpoint, State, Trigger,
 };
 
 use super::finding::{Finding, motor_name};
@@ -269,23 +269,23 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
 
     /// Waits until the capture is complete, and fetches its first rows, at most so many.
     pub(super) fn capture(&mut self, step: Step, rows: u16) -> Done<Columns, S> {
-        let halts = self.halts();
-        self.capture_since(step, rows, halts)
+        let permit = self.permit();
+        self.capture_since(step, rows, permit)
     }
 
-    /// The same, of a robot that had halted so often when the step began: another halt ends it.
+    /// The same, of a robot that stated this permit when the step began: a halt ends it.
     pub(super) fn capture_since(
         &mut self,
         step: Step,
         rows: u16,
-        halts: Option<u8>,
+        permit: Option<Permit>,
     ) -> Done<Columns, S> {
         for _ in 0..LOOKS {
             if let Some(columns) = self.captured(rows)? {
                 return Ok(columns);
             }
             self.check(step)?;
-            if self.halts() != halts {
+            if self.has_lapsed(permit) {
                 return Err(CommissionError::Lapsed(step));
             }
             self.robot.pause(LOOK)?;
@@ -293,9 +293,19 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         Err(CommissionError::Endless(step))
     }
 
-    /// Returns how often the robot has halted, as it states.
-    pub(super) fn halts(&mut self) -> Option<u8> {
-        self.robot.telemetry().map(|it| it.halts)
+    /// Returns the permit that the robot states.
+    pub(super) fn permit(&mut self) -> Option<Permit> {
+        self.robot.telemetry().map(|it| it.permit)
+    }
+
+    /// Returns whether the robot has halted since it stated this permit, but for the end of the trial or of the alignment.
+    pub(super) fn has_lapsed(&mut self, permit: Option<Permit>) -> bool {
+        let telemetry = self.robot.telemetry();
+        let is_end = telemetry.is_some_and(|it| {
+            permit.map(Permit::next) == Some(it.permit)
+                && matches!(it.halt, Halt::Aligned | Halt::Tried)
+        });
+        telemetry.map(|it| it.permit) != permit && !is_end
     }
 
     /// Fetches the capture if it is complete.

@@ -1,8 +1,8 @@
 //! The trials of commissioning, one field after the other.
 
 use flix_protocol::message::{
-    Bridges, Channel, Command, Fault, Faults, LEAST_TRIAL_CURRENT_MA, LONGEST_PATTERN_TICKS,
-    MOST_TRIAL_CURRENT_MA, Outcome, Pattern, Refusal, State, Trial, Trigger,
+    Bridges, Channel, Command, Fault, Faults, Halt, LEAST_TRIAL_CURRENT_MA, LONGEST_PATTERN_TICKS,
+    MOST_TRIAL_CURRENT_MA, Outcome, Pattern, Permit, Refusal, State, Telemetry, Trial, Trigger,
 };
 
 use super::circuit;
@@ -13,7 +13,7 @@ use super::step::{CommissionError, Step};
 use super::swing::Swing;
 use super::turning_field::{self, Rotor, Turning};
 use super::wiring::{ANGLES, Resting, Stood};
-use crate::link::RobotLink;
+use crate::link::{LinkError, PASSING_PATIENCE, RobotLink, TELEMETRY_LAG, Update, Wish};
 
 /// Current that shows how a motor is wired, mA: where an amplifier is dead, twice as much may flow.
 const WIRING_CURRENT_MA: u16 = 300;
@@ -71,11 +71,11 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
         rows: u16,
     ) -> Done<(Columns, Bridges), S> {
         for _ in 0..MOST_TRIALS {
-            let before = self.halts();
+            let before = self.permit();
             match self.try_once(step, trial, channels, rows, before) {
                 // Also one that coasted before its pattern began, which is never captured.
                 Err(CommissionError::Lapsed(_)) => {}
-                Ok(_) if self.halts() != before => {}
+                Ok(_) if self.has_lapsed(before) => {}
                 ended => return ended,
             }
         }
@@ -88,26 +88,43 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
         trial: Trial,
         channels: &[Channel],
         rows: u16,
-        halts: Option<u8>,
+        permit: Option<Permit>,
     ) -> Done<(Columns, Bridges), S> {
         self.begin_capture(channels, Trigger::Pattern, 0)?;
-        let bridges = match self.robot.insist(Command::Trial(trial))? {
-            Outcome::Bridges(bridges) => bridges,
-            Outcome::Refused(refusal) => {
-                // What ends a trial at once is heard of before its answer.
-                self.check(step)?;
-                if refusal == Refusal::Rested {
-                    // Which it states with its next telemetry.
-                    self.robot.pause(LOOK)?;
-                    return Err(CommissionError::Lapsed(step));
-                }
-                self.robot.refused(refusal)?
-            }
-            _ => return Err(CommissionError::OtherAnswer),
+        let Outcome::Bridges(bridges) = self.robot.ask(Command::Bridges)? else {
+            return Err(CommissionError::OtherAnswer);
         };
-        let columns = self.capture_since(step, rows, halts)?;
+        self.begin_trial(step, trial)?;
+        let columns = self.capture_since(step, rows, permit)?;
         self.await_state(step, State::Disarmed, false)?;
         Ok((columns, bridges))
+    }
+
+    /// Presses for a trial, and waits until it has begun.
+    fn begin_trial(&mut self, step: Step, trial: Trial) -> Done<(), S> {
+        let before = self.permit();
+        self.robot.press(Wish::Try(trial))?;
+        let patience = PASSING_PATIENCE + TELEMETRY_LAG;
+        let begun = self.robot.wait_for(patience, |_, update| match update {
+            Update::Ended { why, .. } => Some(Some(why.clone())),
+            // Under way, or over already.
+            Update::Telemetry(Telemetry { state: State::Aligning, .. }) => Some(None),
+            Update::Telemetry(Telemetry { halt: Halt::Tried, permit, .. })
+                if Some(*permit) != before =>
+            {
+                Some(None)
+            }
+            _ => None,
+        })?;
+        match begun {
+            Some(None) => Ok(()),
+            Some(Some(Some(Refusal::Rested))) => Err(CommissionError::Lapsed(step)),
+            Some(Some(Some(refusal))) => {
+                self.check(step)?;
+                Ok(self.robot.refused(refusal)?)
+            }
+            Some(Some(None)) | None => Err(S::Error::from(LinkError::Unanswered).into()),
+        }
     }
 
     /// Captures a robot that does nothing.
@@ -188,12 +205,10 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
             }
             self.clear(Step::Wiring)?;
             self.begin_capture(channels, Trigger::Fault, LOOKED_TICKS)?;
-            match self.robot.insist(Command::Trial(trial))? {
-                // `Faulted`: it gave up before its answer came.
-                Outcome::Refused(refusal) if !matches!(refusal, Refusal::Faulted(_)) => {
-                    self.robot.refused(refusal)?
-                }
-                _ => {}
+            match self.begin_trial(Step::Wiring, trial) {
+                // It gave up before telemetry showed that it began.
+                Ok(()) | Err(CommissionError::Faulted { .. }) => {}
+                Err(error) => return Err(error),
             }
             // Where a current just about shows, this one may find it.
             for _ in 0..TRIAL_LOOKS {
@@ -211,7 +226,11 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
     pub(super) fn clear(&mut self, step: Step) -> Done<(), S> {
         self.await_state(step, State::Faulted, true)?;
         for _ in 0..LOOKS {
-            self.robot.ask(Command::Clear)?;
+            // A stop is of somebody who has to be asked.
+            if self.robot.telemetry().is_some_and(|it| it.stopped) {
+                self.robot.refused(Refusal::Stopped)?;
+            }
+            self.robot.press(Wish::Clear)?;
             self.robot.pause(LOOK)?;
             if self.robot.telemetry().is_some_and(|it| it.state == State::Disarmed) {
                 return Ok(());

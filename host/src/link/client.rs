@@ -1,27 +1,61 @@
-//! The client without a clock or a socket: opens a session, repeats what is not answered, and takes a lost link up again.
+//! The client without a clock or a socket: repeats the one order of its operator as the sign of life, asks what is answered, and
+//! takes a lost link up again.
+//!
+//! What moves the robot or clears it is a [`Wish`], [pressed](Client::press) by a person or by a program that starts. It takes the
+//! permit that telemetry showed last, and counts only while the robot states the same one: after a halt the order becomes rest
+//! or [`Order::Off`], and [`Update::Ended`] reports why. [`Client::hold`] changes f and theta of a walk in force, with its permit.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, EventReport, Faults, OperatorName, Outcome, Refusal, Reply, Setpoint, State,
-    Telemetry, ToOperator, ToRobot,
+    Command, EventReport, Faults, Halt, OperatorName, Order, Outcome, ParameterCommand, Permit,
+    Refusal, Reply, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial, Withheld,
 };
 use flix_protocol::session::{
     ConnectError, Key, LinkHealth, OperatorReceived, OperatorSession, SendError, Status,
     StopSession, StopStatus,
 };
-use flix_protocol::units::Instant;
+use flix_protocol::units::{Hertz, Instant};
 
 use super::statistics::Statistics;
 use super::{
-    DISARMED_AFTER, KEEP_ALIVE, LAST_ANSWER, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE,
-    STOP_BESIDE_AFTER, STOP_RETRY, TRY_AGAIN, passes_by_itself,
+    DISARMED_AFTER, KEEP_ALIVE, PASSING_PATIENCE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE,
+    STOP_BESIDE_AFTER, TRY_AGAIN, passes_by_itself,
 };
 
-/// Numbers of requests that are remembered: more than are asked while an answer is under way.
-const NUMBERS: usize = 64;
+/// How often a program repeats a wish that ended because orders stayed away while the motors were aligned or tried.
+const MOST_LAPSES: u32 = 3;
+
+/// What begins movement or clears the robot, and so carries the permit that was shown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Wish {
+    /// Make the motors ready and hold them at rest.
+    Arm,
+    /// Shake with this pair.
+    Shake(Setpoint),
+    /// Do one trial; the robot is disarmed before and after.
+    Try(Trial),
+    /// Forget the latched stop and the faults whose cause is gone.
+    Clear,
+}
+
+impl Wish {
+    const fn order(self, permit: Permit) -> Order {
+        match self {
+            Self::Arm => Order::Arm(permit),
+            Self::Shake(setpoint) => Order::Shake(permit, setpoint),
+            Self::Try(trial) => Order::Try(permit, trial),
+            Self::Clear => Order::Clear(permit),
+        }
+    }
+}
+
+/// Why a wish is not taken: the robot has stated no permit in this session, or a stop is on its way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the robot has not stated yet whether it may be moved")]
+pub struct NotShown;
 
 /// An event of the link, for the owner of the client.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,7 +65,7 @@ pub enum Update {
     Connected,
     /// The robot could not be reached, or refused.
     Failed(ConnectError),
-    /// The robot fell silent; the held setpoint is dropped, and the client connects again.
+    /// The robot fell silent; every wish ends, and the client connects again.
     Lost,
     /// The robot closed the session.
     Left,
@@ -47,8 +81,13 @@ pub enum Update {
         /// The number that [`Client::request`] returned.
         request: u32,
     },
-    /// The robot refuses the held setpoint. Reported once for each reason.
-    SetpointRefused(Refusal),
+    /// A wish ended before it was fulfilled, or the robot halted while it was in force.
+    Ended {
+        /// The order of the wish.
+        order: Order,
+        /// Why; `None` where the robot stated no reason in time.
+        why: Option<Refusal>,
+    },
     /// The robot has stopped, or ramps down, and the stop is latched.
     StopAcknowledged,
     /// Telemetry of the robot.
@@ -72,59 +111,38 @@ pub enum StopState {
 #[derive(Debug, Clone)]
 struct Pending {
     message: ToRobot,
-    /// Copies that were sent and not answered; those that were lost, too.
-    unanswered: u32,
     send_at: Instant,
-    /// From then on no copy is sent.
-    send_until: Instant,
     give_up_at: Instant,
-    /// Until when it is asked again where the robot refuses it for a state that passes; `None` where its owner does that.
-    insists_until: Option<Instant>,
-    /// While it waits for its turn it is given up then.
-    waits_until: Instant,
-    /// The newest answer, when that does not end it.
+    /// For how long it is asked again where the robot refuses it for a state that passes.
+    patience: Duration,
+    /// The newest refusal that did not end it.
     refusal: Option<Refusal>,
 }
 
 impl Pending {
-    /// Returns whether it goes on although the robot refused it; `is_told`: by whom it is stopped.
-    fn outlives(&mut self, now: Instant, refusal: &Refusal, is_told: bool) -> bool {
-        let passes = passes_by_itself(refusal) || *refusal == Refusal::Stopped && !is_told;
-        let insists_until = self.insists_until.filter(|_| passes);
-        if matches!(refusal, Refusal::Late { .. }) && now < self.give_up_at {
+    /// Returns whether it is asked again although the robot refused it.
+    fn outlives(&mut self, now: Instant, refusal: &Refusal) -> bool {
+        let again = match refusal {
             // With a newer echo.
-            self.send_next(now);
-        } else if let Some(until) = insists_until.filter(|until| now + TRY_AGAIN < *until) {
-            self.send_until = until;
-            self.give_up_at = (now + TRY_AGAIN + REQUEST_PATIENCE).min(until + LAST_ANSWER);
-            self.send_next(now + TRY_AGAIN);
-        } else if insists_until.is_some() && self.moves() && self.unanswered > 0 {
-            // Another copy may be under way and come when that has passed.
-            self.send_until = now;
-            self.give_up_at = self.give_up_at.min(now + LAST_ANSWER);
-            self.send_next(now);
-        } else {
+            Refusal::Late { .. } => now,
+            refusal if passes_by_itself(refusal) && !self.patience.is_zero() => now + TRY_AGAIN,
+            _ => return false,
+        };
+        if again >= self.give_up_at {
             return false;
         }
-        self.refusal = Some(refusal.clone());
+        (self.send_at, self.refusal) = (again, Some(refusal.clone()));
         true
     }
+}
 
-    /// Plans the next copy, unless it would be one too many.
-    fn send_next(&mut self, at: Instant) {
-        self.send_at = if at < self.send_until { at } else { self.give_up_at };
-    }
-
-    /// Lets its time begin when its turn comes. Nobody waits longer for a robot that begins to move.
-    fn wait(&mut self, now: Instant) {
-        self.give_up_at = (now + REQUEST_PATIENCE).min(self.waits_until);
-        self.send_until = self.give_up_at;
-    }
-
-    /// Returns whether it would move the robot or clear its stop.
-    const fn moves(&self) -> bool {
-        matches!(self.message.command, Command::Arm | Command::Clear | Command::Trial(_))
-    }
+/// A wish in force to arm, to clear or for a trial.
+#[derive(Debug, Clone, Copy)]
+struct Pressed {
+    /// Without an effect until then it ends.
+    until: Instant,
+    /// How often it is repeated where orders stay away while the motors are aligned or tried.
+    lapses: u32,
 }
 
 /// The operator's end of the link.
@@ -135,32 +153,28 @@ pub struct Client {
     session: OperatorSession,
     was_established: bool,
     has_failed: bool,
-    held: Option<Setpoint>,
-    /// Counts what a person wants.
-    intent: u8,
-    /// What the robot had last said of its halts when the intent was counted.
-    halts: u8,
-    refusal: Option<Refusal>,
+    /// What is sent every [`KEEP_ALIVE`].
+    order: Order,
+    /// Number of the first datagram of this session that carried the order.
+    order_since: Option<u64>,
+    pressed: Option<Pressed>,
+    /// The request that asks for the sentence about settings that nothing is armed with.
+    checking: Option<u32>,
     stop: StopState,
-    stop_number: u32,
-    stop_at: Instant,
     /// When it was asked for.
     stop_since: Instant,
     /// A stop without a session: while there is none, as another operator holds the robot, or it acknowledges nothing.
     beside: Option<StopSession>,
     pending: VecDeque<Pending>,
-    /// The numbers of the newest requests: an answer to one that has ended is none to a setpoint.
-    asked: VecDeque<u32>,
     next_number: u32,
-    keep_alive_at: Instant,
+    /// When the order is sent next.
+    send_at: Instant,
     heard: Instant,
-    /// When the robot last stated whether it is stopped, in any session; before the first, when this client was made.
-    informed: Instant,
     /// When the last session ended.
     ended: Instant,
-    /// The same as `informed` on the robot's clock: what it states may be long under way.
-    stated: Option<Instant>,
     telemetry: Option<Telemetry>,
+    /// When the robot first stated the present permit.
+    permitted_at: Instant,
     is_driving: bool,
     statistics: Statistics,
     farewell: Option<Frame>,
@@ -176,24 +190,20 @@ impl Client {
             session: OperatorSession::new(key, entropy, now),
             was_established: false,
             has_failed: false,
-            held: None,
-            intent: 0,
-            halts: 0,
-            refusal: None,
+            order: Order::Off,
+            order_since: None,
+            pressed: None,
+            checking: None,
             stop: StopState::None,
-            stop_number: 0,
-            stop_at: now,
             stop_since: now,
             beside: None,
             pending: VecDeque::new(),
-            asked: VecDeque::new(),
             next_number: 0,
-            keep_alive_at: now,
+            send_at: now,
             heard: now,
-            informed: now,
             ended: now,
-            stated: None,
             telemetry: None,
+            permitted_at: now,
             is_driving: false,
             statistics: Statistics::default(),
             farewell: None,
@@ -208,115 +218,171 @@ impl Client {
         self.session.connect(now);
     }
 
-    /// Holds a setpoint that a person asks for at this moment. Rotors that came to rest because commands stayed away turn
-    /// again by nothing else. Otherwise as [`Client::hold`].
+    /// Takes a wish of a person, with the permit that telemetry showed last. It is given up after [`PASSING_PATIENCE`] without an
+    /// effect. A wish to clear is none where neither a stop nor a fault is shown.
+    ///
+    /// # Errors
+    /// When the robot has stated no permit in this session, or a stop is on its way.
+    pub fn press(&mut self, now: Instant, wish: Wish) -> Result<(), NotShown> {
+        self.press_for(now, wish, PASSING_PATIENCE, 0)
+    }
+
+    /// Takes a wish of a program, as [`Client::press`] does, for `patience`. It goes on with the next permit, at most three times,
+    /// where orders stayed away while the motors were aligned or tried.
+    ///
+    /// # Errors
+    /// As for [`Client::press`].
+    pub fn insist_on(
+        &mut self,
+        now: Instant,
+        wish: Wish,
+        patience: Duration,
+    ) -> Result<(), NotShown> {
+        self.press_for(now, wish, patience, MOST_LAPSES)
+    }
+
+    fn press_for(
+        &mut self,
+        now: Instant,
+        wish: Wish,
+        patience: Duration,
+        lapses: u32,
+    ) -> Result<(), NotShown> {
+        let shown = self.telemetry.filter(|_| self.stop != StopState::Sending).ok_or(NotShown)?;
+        match wish {
+            // What is armed stays armed, and what is clear needs no clearing.
+            Wish::Arm if self.is_armed() && self.order.permit().is_some() => return Ok(()),
+            Wish::Clear if !shown.stopped && shown.faults.is_empty() => return Ok(()),
+            Wish::Clear => self.stop = StopState::None,
+            Wish::Arm | Wish::Shake(_) | Wish::Try(_) => self.is_driving = true,
+        }
+        self.set_order(now, wish.order(shown.permit));
+        let waits = !matches!(wish, Wish::Shake(_));
+        self.pressed = waits.then_some(Pressed { until: now + patience, lapses });
+        Ok(())
+    }
+
+    /// Commands this pair as a person does at this moment: [presses](Client::press) [`Wish::Shake`]. Does nothing where the robot has
+    /// stated no permit.
     pub fn want(&mut self, now: Instant, setpoint: Setpoint) {
-        self.intent = self.intent.wrapping_add(1);
-        self.halts = self.halts();
-        if self.held == Some(setpoint) {
-            self.refusal = None;
-            self.keep_alive_at = now;
-        }
-        self.hold(now, setpoint);
+        // Without a permit there is nothing to move.
+        let _ = self.press(now, Wish::Shake(setpoint));
     }
 
-    /// Holds a setpoint: sends it now, and repeats it as sign of life until [`Client::release`], a
-    /// stop or a lost session. A program that steers by itself holds what it decides; what a person asks for is
-    /// [wanted](Client::want).
+    /// Commands this pair as a program does that steers: changes the walk in force, or begins one of the robot that this client
+    /// armed, with the permit that arming led to. Does nothing otherwise.
     pub fn hold(&mut self, now: Instant, setpoint: Setpoint) {
-        if self.stop == StopState::Sending || self.held == Some(setpoint) {
-            return;
+        let shown = self.telemetry.map(|it| (it.permit, it.halt));
+        let order = match (self.order, shown) {
+            (Order::Shake(permit, held), _) if held != setpoint => Order::Shake(permit, setpoint),
+            (Order::Arm(permit), Some((shown, Halt::Aligned))) if shown == permit.next() => {
+                Order::Shake(shown, setpoint)
+            }
+            // It was armed before.
+            (Order::Arm(permit), Some((shown, _))) if shown == permit && self.is_armed() => {
+                Order::Shake(shown, setpoint)
+            }
+            _ => return,
+        };
+        self.set_order(now, order);
+        self.pressed = None;
+    }
+
+    /// Disarms the robot, or lets it stay disarmed: ends every wish.
+    pub fn disarm(&mut self, now: Instant) {
+        if self.stop != StopState::Sending {
+            self.set_order(now, Order::Off);
+            self.pressed = None;
         }
-        self.held = Some(setpoint);
-        self.is_driving = true;
-        self.refusal = None;
-        // At once: the operator waits for nothing.
-        self.keep_alive_at = now;
     }
 
-    /// Releases the held setpoint: pings keep the session alive, and the robot's command deadline
-    /// passes.
-    pub fn release(&mut self) {
-        self.held = None;
-        self.refusal = None;
+    /// Ends a wish to arm, to clear or for a trial that the robot has not fulfilled, also while it ramps down or aligns its motors.
+    pub fn give_up(&mut self, now: Instant) {
+        if self.pressed.take().is_some() && !self.is_armed() {
+            self.disarm(now);
+        }
     }
 
-    /// Returns the held setpoint.
+    fn set_order(&mut self, now: Instant, order: Order) {
+        if order != self.order {
+            (self.order, self.order_since) = (order, None);
+            // At once: the operator waits for nothing.
+            self.send_at = now;
+        }
+    }
+
+    /// Returns the order in force.
+    #[must_use]
+    pub const fn order(&self) -> Order {
+        self.order
+    }
+
+    /// Returns the pair of a walk in force, rest among them.
     #[must_use]
     pub const fn held(&self) -> Option<Setpoint> {
-        self.held
+        match self.order {
+            Order::Shake(_, setpoint) => Some(setpoint),
+            _ => None,
+        }
     }
 
-    /// Sends a command until it is answered, and returns its number. The answer, or that there is
-    /// none, comes as an update.
+    /// Returns whether telemetry is of a robot that had looked at the order in force.
+    #[must_use]
+    pub fn is_heard(&self, telemetry: &Telemetry) -> bool {
+        self.order_since.is_some_and(|since| telemetry.heard >= since)
+    }
+
+    fn is_armed(&self) -> bool {
+        let state = self.telemetry.map(|it| it.state);
+        matches!(state, Some(State::Armed | State::Running))
+    }
+
+    fn is_driven(&self) -> bool {
+        self.telemetry.is_some_and(|it| !it.state.is_idle())
+    }
+
+    /// Sends a request until it is answered, and returns its number. The answer, or that there is none, comes as an update.
     ///
-    /// What changes the robot is sent one after another, so that nothing that was asked earlier undoes it; [`Command::Disarm`] is
-    /// sent at once, and what would move the robot or clear its stop is given up.
-    ///
-    /// Setpoints are better [held](Client::hold), and stops better [repeated](Client::stop). With
-    /// [`Command::Arm`] rest is held, unless something else is: an armed robot wants setpoints as
-    /// sign of life.
+    /// Requests that change the robot are sent one after another. What moves it is an [order](Client::press).
     pub fn request(&mut self, now: Instant, command: Command) -> u32 {
         self.insist(now, command, Duration::ZERO)
     }
 
     /// Sends it as [`Client::request`] does, and asks again every [`TRY_AGAIN`] while the robot refuses for a state that
-    /// [passes](super::passes_by_itself), for at most `patience`. A stop of which the robot has not said yet by whom it is
-    /// passes, too. What was asked for before the robot [halted](Client::halts) is given up.
+    /// [passes](super::passes_by_itself), for at most `patience`.
     pub fn insist(&mut self, now: Instant, command: Command, patience: Duration) -> u32 {
-        if matches!(command, Command::Clear) && self.stop == StopState::Acknowledged {
-            self.stop = StopState::None;
-        }
-        self.is_driving |= matches!(command, Command::Arm | Command::Trial(_));
-        if command == Command::Arm && self.held.is_none() && self.stop != StopState::Sending {
-            self.hold(now, Setpoint::REST);
-        }
-        if command == Command::Disarm {
-            // The robot passes over what is older than this, and answers none of it.
-            self.give_up(None, |it| {
-                !it.message.command.is_question() && it.message.command != Command::Disarm
-            });
-        }
         let request = self.number();
-        if self.asked.len() == NUMBERS {
-            self.asked.pop_front();
-        }
-        self.asked.push_back(request);
-        let mut pending = Pending {
-            message: ToRobot { halts: self.halts(), ..self.message(request, command) },
-            unanswered: 0,
+        self.pending.push_back(Pending {
+            message: ToRobot { request, intent: 0, halts: 0, command },
             send_at: now,
-            send_until: now + REQUEST_PATIENCE,
-            give_up_at: now + REQUEST_PATIENCE,
-            insists_until: (!patience.is_zero()).then(|| now + patience),
-            waits_until: now + Duration::MAX,
+            give_up_at: now + REQUEST_PATIENCE.max(patience),
+            patience,
             refusal: None,
-        };
-        if pending.moves() {
-            pending.waits_until = now + patience.max(REQUEST_PATIENCE);
-        }
-        self.pending.push_back(pending);
+        });
         request
     }
 
-    /// Stops the robot: drops held setpoint and pending requests, and repeats stop until it is
-    /// acknowledged.
+    /// Stops the robot: ends every wish and request, and repeats the stop until it is acknowledged.
     pub fn stop(&mut self, now: Instant) {
-        self.release();
         self.abandon_requests();
+        self.pressed = None;
+        self.set_order(now, Order::Stop);
         if self.stop != StopState::Sending {
-            self.stop = StopState::Sending;
-            self.stop_number = self.number();
-            self.stop_since = now;
+            (self.stop, self.stop_since) = (StopState::Sending, now);
         }
-        self.stop_at = now;
+        self.send_at = now;
     }
 
-    /// Returns how often the robot has halted in this session although nobody here asked for it, as far as is known. What was
-    /// asked before it did, and would move it or clear a stop, is given up.
+    /// Returns the permit that the robot states, a number for each halt of it; `None` before the first telemetry of the session.
     #[must_use]
-    pub fn halts(&self) -> u8 {
-        self.telemetry.map_or(0, |telemetry| telemetry.halts)
+    pub fn permit(&self) -> Option<Permit> {
+        self.telemetry.map(|telemetry| telemetry.permit)
+    }
+
+    /// Returns when the robot first stated that permit: whoever saw the robot before has not seen its last halt.
+    #[must_use]
+    pub const fn permitted_at(&self) -> Instant {
+        self.permitted_at
     }
 
     /// Returns whether this client has armed or moved the robot, and the robot has not reported since
@@ -385,7 +451,7 @@ impl Client {
             && beside.receive(now, datagram).is_ok()
         {
             if matches!(beside.status(), StopStatus::Latched | StopStatus::AtRest) {
-                self.acknowledge_stop();
+                self.acknowledge_stop(now);
             }
             return;
         }
@@ -397,27 +463,9 @@ impl Client {
         match received {
             OperatorReceived::Message(ToOperator::Reply(reply)) => self.replied(now, reply),
             OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
-                if self.telemetry.is_none() && telemetry.state.is_idle() {
-                    self.is_driving = self.is_to_move();
-                }
-                let is_news = match &self.telemetry {
-                    Some(before) => before.halts != telemetry.halts,
-                    None => self.is_unseen(now, &telemetry),
-                };
-                let known = self.telemetry.map_or(Faults::NONE, |it| it.faults);
-                let has_failed = telemetry.faults.iter().any(|it| !known.contains(it));
-                (self.telemetry, self.informed) = (Some(telemetry), now);
-                self.stated = Some(telemetry.time);
-                if is_news {
-                    let refusal = match telemetry {
-                        Telemetry { faults, .. } if has_failed => Refusal::Faulted(faults),
-                        Telemetry { stopped: true, .. } => Refusal::Stopped,
-                        Telemetry { faults: Faults::NONE, .. } => Refusal::Rested,
-                        Telemetry { faults, .. } => Refusal::Faulted(faults),
-                    };
-                    self.give_up_on_moving(Some(&refusal));
-                }
+                // Before what follows from it: whoever learns that a wish ended knows the state by then.
                 self.updates.push_back(Update::Telemetry(telemetry));
+                self.take_telemetry(now, telemetry);
             }
             OperatorReceived::Message(ToOperator::Event(event)) => {
                 self.updates.push_back(Update::Event(event));
@@ -432,13 +480,118 @@ impl Client {
         }
     }
 
-    /// Returns whether the robot was asked to stop after it last stated its state. One that has started anew counts its time
-    /// from zero.
-    fn is_unseen(&self, now: Instant, telemetry: &Telemetry) -> bool {
-        let is_younger = |at: Instant| self.stated.is_some_and(|stated| at > stated);
-        let is_after = |ago| ago < now.since(self.informed);
-        telemetry.stopped_at.is_some_and(is_younger)
-            || telemetry.stopped_for().is_some_and(is_after)
+    /// Takes what the robot states: the order in force ends, or goes on.
+    fn take_telemetry(&mut self, now: Instant, telemetry: Telemetry) {
+        let first = self.telemetry.is_none();
+        let known = self.telemetry.map_or(Faults::NONE, |it| it.faults);
+        if self.permit() != Some(telemetry.permit) {
+            self.permitted_at = now;
+        }
+        self.telemetry = Some(telemetry);
+        let held = Duration::from_micros(telemetry.held_us.into());
+        self.statistics.heard(telemetry.heard, now, held);
+        self.statistics.count(&telemetry.link, telemetry.heard, &self.session.health());
+        let is_heard = self.is_heard(&telemetry);
+        if self.stop == StopState::Sending {
+            if is_heard && telemetry.stopped {
+                self.acknowledge_stop(now);
+            }
+            return;
+        }
+        let begins = matches!(self.order, Order::Arm(_) | Order::Shake(..) | Order::Try(..));
+        if telemetry.state.is_idle() && (first || is_heard && !begins) {
+            self.is_driving = false;
+        }
+        let is_clear = !telemetry.stopped && telemetry.faults.is_empty();
+        match self.order {
+            Order::Off | Order::Stop => {}
+            Order::Clear(_) if is_clear => self.disarm(now),
+            order if order.permit() != Some(telemetry.permit) => {
+                self.halted(now, order, &telemetry, known);
+            }
+            // The robot fulfils it.
+            Order::Arm(_) if self.is_armed() => self.pressed = None,
+            Order::Arm(_) | Order::Try(..) if !telemetry.state.is_idle() => {
+                if let Some(pressed) = &mut self.pressed {
+                    pressed.until = pressed.until.max(now + SILENCE);
+                }
+            }
+            // The robot's link withholds it, and the fast loop never looks at it.
+            Order::Try(..) if telemetry.withheld == Some(Withheld::NoCurrentSense) => {
+                self.end(now, Some(Refusal::NoCurrentSense));
+            }
+            _ if is_heard => self.look_at_withheld(now, &telemetry),
+            _ => {}
+        }
+    }
+
+    /// Ends a wish whose permit is not the present one, unless it led there.
+    fn halted(&mut self, now: Instant, order: Order, telemetry: &Telemetry, known: Faults) {
+        let is_next = order.permit().map(Permit::next) == Some(telemetry.permit);
+        let is_driven = !telemetry.state.is_idle();
+        match (order, telemetry.halt) {
+            (Order::Arm(_), Halt::Aligned) if is_driven => self.pressed = None,
+            (Order::Shake(_, setpoint), _) if setpoint.frequency() == Hertz::ZERO && is_driven => {}
+            (Order::Try(..), Halt::Tried) if is_next => self.disarm(now),
+            (Order::Arm(_) | Order::Try(..), Halt::LetGo)
+                if is_next && self.pressed.is_some_and(|it| it.lapses > 0) =>
+            {
+                if let Some(pressed) = &mut self.pressed {
+                    pressed.lapses -= 1;
+                }
+                self.set_order(now, renewed(order, telemetry.permit));
+            }
+            _ => {
+                let has_failed = telemetry.faults.iter().any(|it| !known.contains(it));
+                let why = match telemetry {
+                    Telemetry { faults, .. } if has_failed => Refusal::Faulted(*faults),
+                    Telemetry { stopped: true, .. } => Refusal::Stopped,
+                    Telemetry { faults: Faults::NONE, .. } => Refusal::Rested,
+                    Telemetry { faults, .. } => Refusal::Faulted(*faults),
+                };
+                self.end(now, Some(why));
+            }
+        }
+    }
+
+    /// Ends a wish that the robot withholds for a reason that does not pass.
+    fn look_at_withheld(&mut self, now: Instant, telemetry: &Telemetry) {
+        match telemetry.withheld {
+            Some(Withheld::Settings) if self.checking.is_none() => {
+                let check = Command::Parameter(ParameterCommand::Check);
+                self.checking = Some(self.request(now, check));
+            }
+            Some(Withheld::Faulted) => self.end(now, Some(Refusal::Faulted(telemetry.faults))),
+            Some(Withheld::Stopped) => self.end(now, Some(Refusal::Stopped)),
+            _ => {}
+        }
+    }
+
+    /// Ends the wish in force: a robot that is driven rests, others stay disarmed.
+    fn end(&mut self, now: Instant, why: Option<Refusal>) {
+        let order = self.order;
+        let rest = match order {
+            Order::Shake(permit, setpoint) if self.is_driven() => {
+                Order::Shake(permit, setpoint.at_rest())
+            }
+            _ => Order::Off,
+        };
+        self.set_order(now, rest);
+        self.pressed = None;
+        self.updates.push_back(Update::Ended { order, why });
+    }
+
+    /// Ends a wish that has had no effect for too long.
+    fn end_in_time(&mut self, now: Instant) {
+        let is_over = self.pressed.is_some_and(|it| now >= it.until);
+        if is_over && self.stop != StopState::Sending {
+            let why = self.telemetry.and_then(|it| match self.order {
+                // Its cause is still there.
+                Order::Clear(_) if !it.faults.is_empty() => Some(Refusal::Faulted(it.faults)),
+                _ => refusal(&it),
+            });
+            self.end(now, why);
+        }
     }
 
     /// Returns the next datagram to send, if one is due.
@@ -460,12 +613,21 @@ impl Client {
         }
         self.note_failure(now);
         self.give_up_on_requests(now);
+        self.end_in_time(now);
         if !self.was_established {
             return None;
         }
         let message = self.due(now)?;
+        let is_order = matches!(message.command, Command::Order(_));
         match self.session.send(now, &message) {
-            Ok(frame) => Some(frame),
+            Ok(frame) => {
+                if is_order {
+                    let counter = self.session.sealed();
+                    self.order_since.get_or_insert(counter);
+                    self.statistics.sent(counter, now);
+                }
+                Some(frame)
+            }
             // Every command fits a datagram (a test of the protocol), so only this is left.
             Err(SendError::NoSession | SendError::TooLong | SendError::Exhausted) => {
                 self.session_ended(now);
@@ -509,118 +671,65 @@ impl Client {
         if !self.was_established {
             return [self.session.poll_at(), give_up, beside].into_iter().flatten().min();
         }
-        let stop = (self.stop == StopState::Sending).then_some(self.stop_at);
         let request = self.in_turn().map(|(_, pending)| pending.send_at).min();
-        let request = request.filter(|_| self.stop != StopState::Sending);
-        let keep_alive = Some(self.keep_alive_at).filter(|_| !self.is_disarming());
-        [keep_alive, stop, beside, request, give_up, Some(self.heard + SILENCE)]
+        let ends = self.pressed.map(|it| it.until);
+        [Some(self.send_at), beside, request, give_up, ends, Some(self.heard + SILENCE)]
             .into_iter()
             .flatten()
             .min()
     }
 
-    /// Returns the message that is due, most urgent first.
+    /// Returns the message that is due: the order, then requests.
     fn due(&mut self, now: Instant) -> Option<ToRobot> {
+        if now >= self.send_at {
+            // A fixed rate; after a pause it starts anew and does not catch up.
+            let next = self.send_at + KEEP_ALIVE;
+            self.send_at = if next > now { next } else { now + KEEP_ALIVE };
+            let command = Command::Order(self.order);
+            return Some(ToRobot { request: 0, intent: 0, halts: 0, command });
+        }
         let place = self.in_turn().find_map(|(place, it)| (now >= it.send_at).then_some(place));
-        if self.stop == StopState::Sending {
-            if now >= self.stop_at {
-                self.stop_at = now + STOP_RETRY;
-                return Some(self.message(self.stop_number, Command::Stop));
-            }
-        } else if let Some(pending) = place.and_then(|place| self.pending.get_mut(place)) {
-            let number = pending.message.request;
-            if pending.unanswered == 0 && pending.refusal.is_none() {
-                self.statistics.sent(number, now);
-            } else {
-                self.statistics.repeated(number);
-            }
-            pending.unanswered = pending.unanswered.saturating_add(1);
-            pending.send_next(now + REQUEST_RETRY);
-            return Some(pending.message.clone());
-        }
-        if now < self.keep_alive_at || self.is_disarming() {
-            return None;
-        }
-        // A fixed rate; after a pause it starts anew and does not catch up.
-        let next = self.keep_alive_at + KEEP_ALIVE;
-        self.keep_alive_at = if next > now { next } else { now + KEEP_ALIVE };
-        let request = self.number();
-        self.statistics.sent(request, now);
-        let command = self.sign_of_life().map_or(Command::Ping(request), Command::Setpoint);
-        Some(self.message(request, command))
+        let pending = self.pending.get_mut(place?)?;
+        pending.send_at = now + REQUEST_RETRY;
+        Some(pending.message.clone())
     }
 
-    const fn message(&self, request: u32, command: Command) -> ToRobot {
-        ToRobot { request, intent: self.intent, halts: self.halts, command }
-    }
-
-    /// Returns the requests that may be sent now, each with its place: questions, the oldest that changes the robot, and what
-    /// disarms it. Nothing is cleared before the robot has said by what it is stopped.
+    /// Returns the requests that may be sent now, each with its place: questions, and the oldest that changes the robot.
     fn in_turn(&self) -> impl Iterator<Item = (usize, &Pending)> {
         let mut is_first = true;
-        let is_disarming = self.is_disarming();
         self.pending.iter().enumerate().filter(move |(_, pending)| {
-            let command = &pending.message.command;
-            // A question is a sign of life, too.
-            if is_disarming {
-                return *command == Command::Disarm;
-            }
-            let is_turn = command.is_question() || std::mem::take(&mut is_first);
-            is_turn && (*command != Command::Clear || self.telemetry.is_some())
+            pending.message.command.is_question() || std::mem::take(&mut is_first)
         })
-    }
-
-    /// Returns whether the robot is asked to disarm. Until it answers it gets no sign of life: without any it disarms by itself.
-    fn is_disarming(&self) -> bool {
-        self.pending.iter().any(|it| it.message.command == Command::Disarm)
-    }
-
-    /// Returns the held setpoint; rest while the robot ramps down, so that commands are not late.
-    fn sign_of_life(&self) -> Option<Setpoint> {
-        let state = self.telemetry.as_ref().map(|telemetry| telemetry.state);
-        self.held.or_else(|| (state == Some(State::Stopping)).then_some(Setpoint::REST))
     }
 
     fn replied(&mut self, now: Instant, reply: Reply) {
         let Reply { request, outcome } = reply;
-        self.statistics.replied(request, now);
-        if self.stop == StopState::Sending && request == self.stop_number {
-            if outcome == Outcome::Done {
-                self.acknowledge_stop();
-            }
-        } else if let Some(place) =
-            self.pending.iter().position(|pending| pending.message.request == request)
+        let Some(place) = self.pending.iter().position(|it| it.message.request == request) else {
+            return;
+        };
+        if let (Outcome::Refused(refusal), Some(pending)) = (&outcome, self.pending.get_mut(place))
+            && pending.outlives(now, refusal)
         {
-            let is_told = self.telemetry.is_some();
-            if let Some(pending) = self.pending.get_mut(place) {
-                pending.unanswered = pending.unanswered.saturating_sub(1);
-                if let Outcome::Refused(refusal) = &outcome
-                    && pending.outlives(now, refusal, is_told)
-                {
-                    return;
-                }
-            }
-            let disarm = |pending: Pending| pending.message.command == Command::Disarm;
-            if self.pending.remove(place).is_some_and(disarm) && outcome == Outcome::Done {
-                self.is_driving = self.is_to_move();
-            }
-            self.updates.push_back(Update::Answer { request, outcome });
-        } else if let (Outcome::Refused(refusal), Some(held)) = (outcome, self.held)
-            && held != Setpoint::REST
-            && !self.asked.contains(&request)
-            // A late setpoint is followed by newer ones; the robot's event reports the slow link.
-            && !matches!(refusal, Refusal::Late { .. })
-            && self.refusal.as_ref() != Some(&refusal)
-        {
-            self.refusal = Some(refusal.clone());
-            self.updates.push_back(Update::SetpointRefused(refusal));
+            return;
         }
+        self.pending.remove(place);
+        if self.checking.take_if(|it| *it == request).is_some() {
+            match outcome {
+                Outcome::Refused(refusal) if matches!(self.order, Order::Arm(_)) => {
+                    self.end(now, Some(refusal));
+                }
+                _ => {}
+            }
+            return;
+        }
+        self.updates.push_back(Update::Answer { request, outcome });
     }
 
-    fn acknowledge_stop(&mut self) {
+    fn acknowledge_stop(&mut self, now: Instant) {
         if self.stop == StopState::Sending {
             (self.stop, self.beside) = (StopState::Acknowledged, None);
-            self.is_driving = self.is_to_move();
+            self.is_driving = false;
+            self.set_order(now, Order::Off);
             self.updates.push_back(Update::StopAcknowledged);
         }
     }
@@ -628,7 +737,7 @@ impl Client {
     fn note_established(&mut self, now: Instant) {
         if !self.was_established {
             self.was_established = true;
-            self.keep_alive_at = now;
+            self.send_at = now;
             self.updates.push_back(Update::Connected);
         }
     }
@@ -655,16 +764,14 @@ impl Client {
         }
     }
 
-    /// Returns whether something is asked for that moves the robot.
-    fn is_to_move(&self) -> bool {
-        let moves = |it: &Pending| matches!(it.message.command, Command::Arm | Command::Trial(_));
-        self.pending.iter().any(moves)
-    }
-
     fn give_up_on_requests(&mut self, now: Instant) {
+        // The time of a request begins when its turn comes.
         let places: Vec<usize> = self.in_turn().map(|(place, _)| place).collect();
-        let waiting = self.pending.iter_mut().enumerate().filter(|(it, _)| !places.contains(it));
-        waiting.for_each(|(_, pending)| pending.wait(now));
+        for (place, pending) in self.pending.iter_mut().enumerate() {
+            if !places.contains(&place) {
+                pending.give_up_at = now + REQUEST_PATIENCE.max(pending.patience);
+            }
+        }
         let updates = &mut self.updates;
         self.pending.retain(|pending| {
             let is_alive = now < pending.give_up_at;
@@ -686,32 +793,18 @@ impl Client {
         self.was_established = false;
         self.has_failed = false;
         self.telemetry = None;
-        self.release();
+        (self.order_since, self.pressed, self.checking) = (None, None, None);
+        if self.stop != StopState::Sending {
+            self.order = Order::Off;
+        }
         self.abandon_requests();
         self.statistics.abandon();
     }
 
-    /// Gives up on requests that would move the robot or clear its stop; `refusal` answers them.
-    pub fn give_up_on_moving(&mut self, refusal: Option<&Refusal>) {
-        self.give_up(refusal, Pending::moves);
-    }
-
-    fn give_up(&mut self, refusal: Option<&Refusal>, ends: impl Fn(&Pending) -> bool) {
-        let updates = &mut self.updates;
-        self.pending.retain(|pending| {
-            let ends = ends(pending);
-            if ends {
-                let request = pending.message.request;
-                updates.push_back(refusal.map_or(Update::Unanswered { request }, |refusal| {
-                    Update::Answer { request, outcome: Outcome::Refused(refusal.clone()) }
-                }));
-            }
-            !ends
-        });
-    }
-
     fn abandon_requests(&mut self) {
-        self.give_up(None, |_| true);
+        let ended = self.pending.drain(..).map(|it| it.message.request);
+        self.updates.extend(ended.map(|request| Update::Unanswered { request }));
+        self.checking = None;
     }
 
     fn number(&mut self) -> u32 {
@@ -720,57 +813,27 @@ impl Client {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const NOW: Instant = Instant::from_micros(1_000_000);
-
-    /// Returns after how long a request of twice the usual patience is asked again that is refused so after so long, while so
-    /// many other copies are under way; and how long it then goes on, at most.
-    fn goes_on(
-        refusal: &Refusal,
-        after: Duration,
-        is_told: bool,
-        unanswered: u32,
-    ) -> Option<[Duration; 2]> {
-        let message = ToRobot { request: 1, intent: 0, halts: 0, command: Command::Arm };
-        let mut pending = Pending {
-            message,
-            unanswered,
-            send_at: NOW + REQUEST_RETRY,
-            send_until: NOW + REQUEST_PATIENCE,
-            give_up_at: NOW + 3 * REQUEST_PATIENCE,
-            insists_until: Some(NOW + 2 * REQUEST_PATIENCE),
-            waits_until: NOW + 2 * REQUEST_PATIENCE,
-            refusal: None,
-        };
-        let now = NOW + after;
-        pending
-            .outlives(now, refusal, is_told)
-            .then(|| [pending.send_at, pending.give_up_at].map(|at| at.since(now)))
+/// Returns the same order with another permit.
+const fn renewed(order: Order, permit: Permit) -> Order {
+    match order {
+        Order::Arm(_) => Order::Arm(permit),
+        Order::Shake(_, setpoint) => Order::Shake(permit, setpoint),
+        Order::Try(_, trial) => Order::Try(permit, trial),
+        Order::Clear(_) => Order::Clear(permit),
+        Order::Off | Order::Stop => order,
     }
+}
 
-    #[test]
-    fn a_refusal_that_passes_leads_to_the_same_request_until_patience_is_over() {
-        let moment = Duration::from_micros(1);
-        let late = Refusal::Late { age_ms: 400, limit_ms: 300 };
-        let [again, left] = goes_on(&late, REQUEST_PATIENCE - moment, true, 0).unwrap();
-        assert_eq!((again, left), (Duration::ZERO, 2 * REQUEST_PATIENCE + moment));
-        let [again, left] = goes_on(&late, REQUEST_PATIENCE, true, 0).unwrap();
-        assert_eq!(again, left, "no other copy");
-        assert_eq!(goes_on(&late, 3 * REQUEST_PATIENCE, true, 0), None);
-        let last = 2 * REQUEST_PATIENCE - TRY_AGAIN;
-        for (refusal, is_told) in [(Refusal::LinkUnproven, true), (Refusal::Stopped, false)] {
-            let first = goes_on(&refusal, Duration::ZERO, is_told, 0);
-            assert_eq!(first, Some([TRY_AGAIN, TRY_AGAIN + REQUEST_PATIENCE]));
-            let latest = goes_on(&refusal, last - moment, is_told, 0);
-            assert_eq!(latest, Some([TRY_AGAIN, TRY_AGAIN + moment + LAST_ANSWER]));
-            assert_eq!(goes_on(&refusal, last, is_told, 0), None);
-            // An answer to another copy is awaited, and no further one sent.
-            assert_eq!(goes_on(&refusal, last, is_told, 1), Some([LAST_ANSWER; 2]));
-        }
-        assert_eq!(goes_on(&Refusal::Stopped, moment, true, 0), None);
-        assert_eq!(goes_on(&Refusal::Malformed, moment, false, 1), None);
-    }
+/// Returns why the robot does not obey the newest order, as a refusal.
+fn refusal(telemetry: &Telemetry) -> Option<Refusal> {
+    Some(match telemetry.withheld? {
+        Withheld::Permit | Withheld::Settings => Refusal::Rested,
+        Withheld::State => Refusal::State(telemetry.state),
+        Withheld::Faulted => Refusal::Faulted(telemetry.faults),
+        Withheld::Stopped => Refusal::Stopped,
+        Withheld::LinkUnproven => Refusal::LinkUnproven,
+        Withheld::Late { age_ms, limit_ms } => Refusal::Late { age_ms, limit_ms },
+        Withheld::Range => Refusal::Malformed,
+        Withheld::NoCurrentSense => Refusal::NoCurrentSense,
+    })
 }

@@ -94,6 +94,15 @@ impl LinkError {
         Self::Faulted { first: telemetry.first_fault, all: telemetry.faults }
     }
 
+    /// Returns why a robot that is not driven cannot be armed: its faults, or who stopped it.
+    pub(crate) fn of_idle(telemetry: &Telemetry) -> Option<Self> {
+        match telemetry.stopped_by {
+            _ if !telemetry.faults.is_empty() => Some(Self::faulted(telemetry)),
+            Some(by) => Some(Self::StoppedBy(by)),
+            None => None,
+        }
+    }
+
     /// Returns why a robot that was armed is driven no more, if this update says so.
     #[must_use]
     pub fn while_driven(update: &Update) -> Option<Self> {
@@ -106,10 +115,28 @@ impl LinkError {
                 (State::Disarmed, None) => Some(Self::Lapsed),
                 _ => None,
             },
-            // Telemetry states who stopped the robot, and its faults.
-            Update::SetpointRefused(Refusal::Stopped | Refusal::Faulted(_)) => None,
-            Update::SetpointRefused(Refusal::State(State::Disarmed)) => Some(Self::Lapsed),
-            Update::SetpointRefused(refusal) => Some(Self::Refused(refusal.clone())),
+            Update::Ended { why, .. } => Self::ended(why.as_ref()),
+            _ => None,
+        }
+    }
+
+    /// Returns why a wish ended; `None` where telemetry states it in full: who stopped the robot, and its faults.
+    pub(crate) fn ended(why: Option<&Refusal>) -> Option<Self> {
+        match why {
+            Some(Refusal::Stopped | Refusal::Faulted(_)) => None,
+            Some(Refusal::State(State::Disarmed)) => Some(Self::Lapsed),
+            Some(refusal) => Some(Self::Refused(refusal.clone())),
+            None => Some(Self::Unanswered),
+        }
+    }
+
+    /// Returns why a robot that is being armed will not be, if this update says so.
+    #[must_use]
+    pub fn while_arming(update: &Update) -> Option<Self> {
+        match update {
+            Update::Ended { why: Some(Refusal::Rested), .. } => Some(Self::Lapsed),
+            Update::Ended { why: Some(refusal), .. } => Some(Self::Refused(refusal.clone())),
+            Update::Ended { why: None, .. } => Some(Self::Unanswered),
             _ => None,
         }
     }

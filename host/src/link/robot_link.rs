@@ -9,8 +9,8 @@ use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
 use super::{
-    ARM_PATIENCE, Arming, Client, LinkError, PASSING_PATIENCE, REQUEST_PATIENCE, REVOKED_PATIENCE,
-    TELEMETRY_LAG, Update,
+    ARM_PATIENCE, Client, KEEP_ALIVE, LinkError, NotShown, PASSING_PATIENCE, REQUEST_PATIENCE,
+    REVOKED_PATIENCE, TELEMETRY_LAG, Update, Wish,
 };
 
 /// Twice the longest time in which a robot ramps down and brakes what still turns.
@@ -290,26 +290,49 @@ pub trait RobotLink {
         if !client.is_connected(now) {
             self.wait_until_connected()?;
         }
-        let (client, now) = self.operate();
-        let deadline = now + ARM_PATIENCE;
-        let mut arming = Arming::begin(now, client, deadline);
-        let mut has_obeyed = false;
-        let ended = self.look_in_session(deadline, |client, now, update| {
-            if let Some(update) = update {
-                return arming.observe(now, client, update);
+        self.press_by(|client, now| client.insist_on(now, Wish::Arm, ARM_PATIENCE))?;
+        // The client itself ends a wish without an effect, and says why.
+        let deadline = self.operate().1 + ARM_PATIENCE + KEEP_ALIVE;
+        let ended = self.look_in_session(deadline, |client, now, update| match update {
+            Some(Update::Telemetry(telemetry)) => {
+                let is_armed = matches!(telemetry.state, State::Armed | State::Running);
+                (is_armed && client.order().permit().is_some()).then_some(Ok(()))
             }
-            let given_up = arming.poll(now, client);
-            // Goes out at once.
-            if arming.is_obeyed() && !has_obeyed {
-                has_obeyed = true;
-                client.want(now, Setpoint::REST);
+            Some(update) => LinkError::while_arming(update).map(Err),
+            None if now >= deadline => {
+                let actual = client.telemetry().map_or(State::Disarmed, |it| it.state);
+                client.disarm(now);
+                Some(Err(LinkError::State { wanted: State::Armed, actual }))
             }
-            given_up.map(Err)
+            None => None,
         })?;
-        match ended {
-            Err(LinkError::Refused(refusal)) => self.refused(refusal),
-            ended => Ok(ended?),
-        }
+        let known = self.telemetry().and_then(|it| LinkError::of_idle(&it));
+        Ok(ended.map_err(|error| known.unwrap_or(error))?)
+    }
+
+    /// Takes a wish by [`Client::press`], as soon as the robot has stated its permit.
+    ///
+    /// # Errors
+    /// When the session ends, or the robot states nothing.
+    fn press(&mut self, wish: Wish) -> Result<(), Self::Error> {
+        self.press_by(|client, now| client.press(now, wish))
+    }
+
+    /// Takes a wish by `press`, as [`RobotLink::press`] does.
+    ///
+    /// # Errors
+    /// As for [`RobotLink::press`].
+    fn press_by(
+        &mut self,
+        mut press: impl FnMut(&mut Client, Instant) -> Result<(), NotShown>,
+    ) -> Result<(), Self::Error> {
+        let deadline = self.operate().1 + REQUEST_PATIENCE;
+        let pressed =
+            self.look_in_session(deadline, |client, now, _| match press(client, now) {
+                Ok(()) => Some(true),
+                Err(NotShown) => (now >= deadline).then_some(false),
+            })?;
+        if pressed { Ok(()) } else { Err(LinkError::Unanswered.into()) }
     }
 
     /// Brings the rotors to rest and lets the motors coast.
@@ -317,15 +340,16 @@ pub trait RobotLink {
     /// # Errors
     /// As for [`RobotLink::ask`]; when the robot does not come to rest in time.
     fn disarm(&mut self) -> Result<(), Self::Error> {
-        self.operate().0.release();
-        self.ask(Command::Disarm)?;
+        let (client, now) = self.operate();
+        client.disarm(now);
         let mut actual = State::Stopping;
-        let disarmed = self.wait_for_telemetry(DISARM_PATIENCE, |telemetry| {
+        let disarmed = self.wait_for(DISARM_PATIENCE, |client, update| {
+            let Update::Telemetry(telemetry) = update else { return None };
             actual = telemetry.state;
-            telemetry.state.is_idle()
+            (client.is_heard(telemetry) && telemetry.state.is_idle()).then_some(())
         })?;
         let wanted = State::Disarmed;
-        Ok(disarmed.map(|_| ()).ok_or(LinkError::State { wanted, actual })?)
+        Ok(disarmed.ok_or(LinkError::State { wanted, actual })?)
     }
 
     /// Returns the newest telemetry.

@@ -3,6 +3,8 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use flix_protocol::message::LinkQuality;
+use flix_protocol::session::LinkHealth;
 use flix_protocol::units::Instant;
 
 use super::ANSWER_TIME;
@@ -12,88 +14,113 @@ const REMEMBERED: usize = 4096;
 
 /// Statistics of a link, as its operator sees it.
 ///
-/// A command is counted once it is [`ANSWER_TIME`] old, answered or not, so that the counts are of
-/// the same commands.
+/// The time of an order is from its sending to the telemetry that states it, less the time for which the robot had held it. An
+/// order is lost where it, or the robot's next datagram, would not arrive: each end counts what is missing in the other's
+/// counters. Orders are counted once they are [`ANSWER_TIME`] old.
 #[derive(Debug, Clone, Default)]
 pub struct Statistics {
     recent: VecDeque<Sent>,
     round_trips: VecDeque<Duration>,
-    /// Of the commands that are counted.
+    /// Of the orders that are counted.
     counted: VecDeque<Duration>,
-    answered: u64,
-    unanswered: u64,
+    orders: u64,
+    /// To the robot, from the robot: of sessions that are over, and of the present one.
+    ended: [Tally; 2],
+    present: [Tally; 2],
 }
 
 #[derive(Debug, Clone)]
 struct Sent {
-    number: u32,
+    number: u64,
     at: Instant,
     round_trip: Option<Duration>,
 }
 
+/// Datagrams of one direction.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tally {
+    sent: u64,
+    lost: u64,
+}
+
 impl Statistics {
-    /// Records a command that was sent for the first time.
-    pub(super) fn sent(&mut self, number: u32, at: Instant) {
+    /// Records an order that was sent as the datagram of this number.
+    pub(super) fn sent(&mut self, number: u64, at: Instant) {
         self.recent.push_back(Sent { number, at, round_trip: None });
     }
 
-    /// Records a repeated command: its reply says nothing about time or loss.
-    pub(super) fn repeated(&mut self, number: u32) {
-        self.recent.retain(|sent| sent.number != number);
-    }
-
-    /// Records a reply.
-    pub(super) fn replied(&mut self, number: u32, now: Instant) {
+    /// Records that telemetry states this order, which the robot had held for so long.
+    pub(super) fn heard(&mut self, number: u64, now: Instant, held: Duration) {
         let Some(sent) = self.recent.iter_mut().find(|sent| sent.number == number) else { return };
         if sent.round_trip.is_none() {
-            let round_trip = now.since(sent.at);
+            let round_trip = now.since(sent.at).saturating_sub(held);
             sent.round_trip = Some(round_trip);
             remember(&mut self.round_trips, round_trip);
         }
     }
 
-    /// Counts the commands that are old enough.
+    /// Takes over what each end misses of the other's datagrams in this session; `heard`: number of the newest order that the robot
+    /// has looked at.
+    pub(super) fn count(&mut self, robot: &LinkQuality, heard: u64, operator: &LinkHealth) {
+        self.present = [
+            Tally { sent: heard, lost: robot.lost.into() },
+            Tally { sent: operator.accepted + operator.lost, lost: operator.lost },
+        ];
+    }
+
+    /// Counts the orders that are old enough.
     pub(super) fn expire(&mut self, now: Instant) {
         while self.recent.front().is_some_and(|sent| now.since(sent.at) >= ANSWER_TIME) {
             self.count_oldest();
         }
     }
 
-    /// Counts all commands, because another session begins and no more replies can arrive.
+    /// Counts all orders, because another session begins.
     pub(super) fn abandon(&mut self) {
         while !self.recent.is_empty() {
             self.count_oldest();
         }
+        self.ended = self.tallies();
+        self.present = Default::default();
     }
 
     fn count_oldest(&mut self) {
-        match self.recent.pop_front() {
-            Some(Sent { round_trip: Some(round_trip), .. }) => {
-                self.answered += 1;
-                remember(&mut self.counted, round_trip);
-            }
-            Some(_) => self.unanswered += 1,
-            None => {}
+        if let Some(sent) = self.recent.pop_front() {
+            self.orders += 1;
+            sent.round_trip.into_iter().for_each(|trip| remember(&mut self.counted, trip));
         }
     }
 
-    /// Returns the number of commands with a reply within [`ANSWER_TIME`].
-    #[must_use]
-    pub const fn answered(&self) -> u64 {
-        self.answered
+    fn tallies(&self) -> [Tally; 2] {
+        let mut tallies = self.ended;
+        for (tally, present) in tallies.iter_mut().zip(self.present) {
+            tally.sent += present.sent;
+            tally.lost += present.lost;
+        }
+        tallies
     }
 
-    /// Returns the number of commands without a reply within [`ANSWER_TIME`].
+    /// Returns the number of orders that are counted.
     #[must_use]
-    pub const fn unanswered(&self) -> u64 {
-        self.unanswered
+    pub const fn orders(&self) -> u64 {
+        self.orders
     }
 
-    /// Returns the share of commands without a reply, from 0 to 1.
+    /// Returns the number of orders that are counted and not lost.
+    #[must_use]
+    pub fn answered(&self) -> u64 {
+        (self.orders as f64 * (1.0 - self.loss())).round() as u64
+    }
+
+    /// Returns the share of orders that are lost on the way or whose answer is, from 0 to 1.
     #[must_use]
     pub fn loss(&self) -> f64 {
-        let sent = self.answered + self.unanswered;
-        if sent == 0 { 0.0 } else { self.unanswered as f64 / sent as f64 }
+        let arrives = |tally: Tally| match tally.sent {
+            0 => 1.0,
+            sent => 1.0 - (tally.lost as f64 / sent as f64).min(1.0),
+        };
+        let [to, from] = self.tallies().map(arrives);
+        1.0 - to * from
     }
 
     /// Returns the newest round trip.
@@ -114,7 +141,7 @@ impl Statistics {
         quantile(self.round_trips.iter().copied().collect(), share)
     }
 
-    /// Returns the round trip that this share (0 to 1) of the commands that [`Statistics::answered`] counts does not exceed.
+    /// Returns the round trip that this share (0 to 1) of the orders that [`Statistics::orders`] counts does not exceed.
     #[must_use]
     pub fn counted_quantile(&self, share: f64) -> Option<Duration> {
         quantile(self.counted.iter().copied().collect(), share)
@@ -155,36 +182,41 @@ mod tests {
         assert_eq!(quantile(Vec::new(), 0.5), None);
     }
 
-    #[test]
-    fn a_repeated_command_is_not_timed() {
-        let mut statistics = Statistics::default();
-        statistics.sent(1, at(0));
-        statistics.repeated(1);
-        statistics.replied(1, at(500));
-        assert_eq!(statistics.last_round_trip(), None);
+    fn quality(lost: u32) -> LinkQuality {
+        LinkQuality { lost, ..LinkQuality::default() }
     }
 
     #[test]
-    fn one_of_four_without_a_reply_is_a_loss_of_a_quarter() {
+    fn the_time_that_the_robot_holds_an_order_is_none_of_the_round_trip() {
         let mut statistics = Statistics::default();
-        for number in 0..4 {
-            statistics.sent(number, at(u64::from(number)));
+        statistics.sent(1, at(0));
+        statistics.heard(1, at(30), Duration::from_millis(12));
+        // Stated again by the next telemetry.
+        statistics.heard(1, at(50), Duration::from_millis(32));
+        assert_eq!(statistics.last_round_trip(), Some(Duration::from_millis(18)));
+    }
+
+    #[test]
+    fn a_loss_of_a_tenth_to_the_robot_and_a_fifth_back_is_one_of_28_percent_in_all_sessions() {
+        let mut statistics = Statistics::default();
+        let health = LinkHealth { accepted: 80, lost: 20, ..LinkHealth::default() };
+        for session in 0..2 {
+            (1..=100).for_each(|number| statistics.sent(number, at(20 * number)));
+            statistics.count(&quality(10), 100, &health);
+            assert!((statistics.loss() - 0.28).abs() < 1e-12, "{session}");
+            statistics.abandon();
         }
-        for number in [0, 1, 3] {
-            statistics.replied(number, at(10));
-        }
-        statistics.expire(at(2000));
-        assert!((statistics.loss() - 0.25).abs() < 1e-12);
+        assert_eq!((statistics.orders(), statistics.answered()), (200, 144));
     }
 
     #[test]
     fn memory_is_bounded_on_a_link_that_runs_for_days() {
         let mut statistics = Statistics::default();
         for number in 0..100_000 {
-            statistics.sent(number, at(u64::from(number)));
-            statistics.expire(at(u64::from(number)));
+            statistics.sent(number, at(number));
+            statistics.expire(at(number));
             if number % 3 == 0 {
-                statistics.replied(number, at(u64::from(number)));
+                statistics.heard(number, at(number), Duration::ZERO);
             }
         }
         assert!(statistics.recent.len() < 2000 && statistics.round_trips.len() <= REMEMBERED);

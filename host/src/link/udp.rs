@@ -5,12 +5,12 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
 
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
-use flix_protocol::message::{Command, Refusal, State, Telemetry};
+use flix_protocol::message::{Refusal, State, Telemetry};
 use flix_protocol::session::{ConnectError, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
 use super::robot_link::{DISARM_PATIENCE, LONGEST_WAIT};
-use super::{Client, LinkError, RobotLink, StopState, TELEMETRY_LAG, Update};
+use super::{Client, LinkError, RobotLink, StopState, TELEMETRY_LAG, Update, Wish};
 use crate::system::interrupt::Interrupt;
 use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 
@@ -135,34 +135,27 @@ impl Connection {
             true => Some(first),
             false => self.wait_for_telemetry(TELEMETRY_LAG, is_known)?,
         };
-        let Some(Telemetry { halts, .. }) = judged else {
+        if judged.is_none() {
             return self.refused(Refusal::Stopped);
-        };
-        let deadline = self.now() + CLEAR_PATIENCE;
-        loop {
-            // Whoever clears a stop of somebody else, or another fault, that came since has to mean it.
-            if let Some(newest) = self.client.telemetry().filter(|it| it.halts != halts) {
-                if !newest.faults.is_empty() {
-                    return Err(LinkError::faulted(newest));
-                }
-                if newest.stopped {
-                    return self.refused(Refusal::Stopped);
-                }
-            }
-            self.ask(Command::Clear)?;
-            let mut last = None;
-            let cleared = self.wait_for_telemetry(TELEMETRY_LAG, |telemetry| {
+        }
+        self.press(Wish::Clear)?;
+        let mut last = None;
+        let cleared = self.wait_for(CLEAR_PATIENCE + TELEMETRY_LAG, |_, update| match update {
+            Update::Telemetry(telemetry) => {
                 last = Some(*telemetry);
-                !telemetry.stopped && telemetry.faults.is_empty()
-            })?;
-            match last {
-                _ if cleared.is_some() => return Ok(()),
-                _ if self.now() < deadline => {}
-                Some(telemetry) if !telemetry.faults.is_empty() => {
-                    return Err(LinkError::faulted(&telemetry));
-                }
-                _ => return Err(LinkError::StillStopped),
+                (!telemetry.stopped && telemetry.faults.is_empty()).then_some(None)
             }
+            // Whoever clears a stop of somebody else, or another fault, that came since has to mean it.
+            Update::Ended { why, .. } => Some(Some(why.clone())),
+            _ => None,
+        })?;
+        match (cleared, last) {
+            (Some(None), _) => Ok(()),
+            (_, Some(telemetry)) if !telemetry.faults.is_empty() => {
+                Err(LinkError::faulted(&telemetry))
+            }
+            (Some(Some(Some(refusal))), _) => self.refused(refusal),
+            _ => Err(LinkError::StillStopped),
         }
     }
 

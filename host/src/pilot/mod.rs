@@ -13,11 +13,11 @@ use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use flix_protocol::message::{Command, Setpoint, State, Telemetry};
+use flix_protocol::message::{Setpoint, State, Telemetry};
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
-use crate::link::{ARM_PATIENCE, Arming, Client, LinkError, REVOKED_PATIENCE, StopState, Update};
+use crate::link::{ARM_PATIENCE, Client, LinkError, REVOKED_PATIENCE, StopState, Update, Wish};
 use crate::nav::{
     Decision, EndReason, Footing, Identification, Navigator, PlanarPose, Progress, Resting,
 };
@@ -116,13 +116,11 @@ impl fmt::Display for Ending {
 #[derive(Debug, Clone, PartialEq)]
 enum Phase {
     Connecting,
-    Arming(Arming),
+    Arming,
     Driving,
     /// Comes to rest after a successful end.
     Resting,
-    Disarming {
-        request: u32,
-    },
+    Disarming,
     /// Stops after a failed run.
     Stopping,
     /// The robot fell silent: learns whether it refuses the key now.
@@ -282,23 +280,22 @@ impl<H: Helm> Pilot<H> {
             self.fail(now, client, ending);
         }
         let begun = *self.since.get_or_insert(now);
-        match &mut self.phase {
+        match self.phase {
             // The session may stand since before the run.
-            Phase::Connecting if client.is_connected(now) => {
-                let arming = Arming::begin(now, client, begun + ARM_PATIENCE);
-                self.phase = Phase::Arming(arming);
+            Phase::Connecting if client.insist_on(now, Wish::Arm, ARM_PATIENCE).is_ok() => {
+                self.enter(now, Phase::Arming);
             }
             Phase::Connecting if now.since(begun) > ARM_PATIENCE => {
                 self.fail(now, client, Ending::Robot(LinkError::Connect(ConnectError::NoAnswer)));
             }
-            Phase::Arming(arming) => {
-                if let Some(error) = arming.poll(now, client) {
-                    self.fail(now, client, Ending::Robot(error));
-                }
+            Phase::Arming if now.since(begun) > ARM_PATIENCE => {
+                let actual = client.telemetry().map_or(State::Disarmed, |it| it.state);
+                let error = LinkError::State { wanted: State::Armed, actual };
+                self.fail(now, client, Ending::Robot(error));
             }
             Phase::Driving => self.drive(now, client),
             Phase::Resting => self.rest(now, client, begun),
-            Phase::Disarming { .. } if now.since(begun) > END_PATIENCE => {
+            Phase::Disarming if now.since(begun) > END_PATIENCE => {
                 self.fail_silently(now, client);
             }
             Phase::Lost if now.since(begun) > REVOKED_PATIENCE => self.lose(LinkError::Silent),
@@ -331,12 +328,19 @@ impl<H: Helm> Pilot<H> {
             Update::Connected if self.phase == Phase::Lost => self.lose(LinkError::Back),
             _ => {}
         }
-        match (&mut self.phase, update) {
-            (Phase::Arming(arming), update) => match arming.observe(now, client, update) {
-                Some(Ok(())) => self.begin_driving(now, client),
-                Some(Err(error)) => self.fail(now, client, Ending::Robot(error)),
-                None => {}
-            },
+        match (&self.phase, update) {
+            (Phase::Arming, Update::Telemetry(telemetry)) => {
+                if matches!(telemetry.state, State::Armed | State::Running) {
+                    self.begin_driving(now, client);
+                }
+            }
+            (Phase::Arming, update) => {
+                if let Some(error) = LinkError::while_arming(update) {
+                    let telemetry = client.telemetry();
+                    let known = telemetry.and_then(LinkError::of_idle);
+                    self.fail(now, client, Ending::Robot(known.unwrap_or(error)));
+                }
+            }
             (Phase::Driving, update) => {
                 if let Some(error) = LinkError::while_driven(update) {
                     self.fail(now, client, Ending::Robot(error));
@@ -349,13 +353,8 @@ impl<H: Helm> Pilot<H> {
                     self.fail(now, client, Ending::Robot(error));
                 }
             }
-            (Phase::Disarming { request }, Update::Unanswered { request: ended })
-                if request == ended =>
-            {
-                self.fail_silently(now, client);
-            }
-            (Phase::Disarming { .. }, Update::Telemetry(telemetry))
-                if telemetry.state == State::Disarmed =>
+            (Phase::Disarming, Update::Telemetry(telemetry))
+                if telemetry.state == State::Disarmed && client.is_heard(telemetry) =>
             {
                 self.phase = Phase::Over;
             }
@@ -416,9 +415,8 @@ impl<H: Helm> Pilot<H> {
         let patience_is_over = now.since(begun) > END_PATIENCE;
         // The newest telemetry may be older than the command to rest.
         if (is_at_rest && now.since(begun) > 2 * RECORD_PERIOD) || patience_is_over {
-            client.release();
-            let request = client.request(now, Command::Disarm);
-            self.enter(now, Phase::Disarming { request });
+            client.disarm(now);
+            self.enter(now, Phase::Disarming);
         }
     }
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Command, Identity, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
+    Command, Identity, Order, Outcome, ParameterCommand, Refusal, Setpoint, State, Telemetry,
 };
 use flix_protocol::session::ConnectError;
 use flix_protocol::units::{Hertz, Instant};
@@ -16,7 +16,7 @@ use super::paper_modes::PaperMode;
 use super::scope::{self, Viewer};
 use super::settings::{Answered, Settings};
 use crate::link::explain;
-use crate::link::{Client, PASSING_PATIENCE, Update, line_difference};
+use crate::link::{Client, Update, Wish, line_difference};
 use crate::nav::Footing;
 use crate::pose::{LATE, PoseSample};
 
@@ -129,21 +129,8 @@ pub struct Cockpit {
     heard: Instant,
     sampled: Instant,
     animated: Instant,
-    waiting: Option<Waiting>,
-    /// The halts of the robot in this session, as it last stated them.
-    halts: Option<u8>,
-    /// What asked the robot to disarm, and is asked again until it is disarmed, or is to be armed.
-    disarming: Option<u32>,
     asked: Vec<u32>,
     attention: Option<Attention>,
-}
-
-/// A request to arm or to clear, and until when telemetry may show that it was obeyed.
-#[derive(Debug, Clone, Copy)]
-struct Waiting {
-    arms: bool,
-    request: u32,
-    give_up_at: Instant,
 }
 
 impl Cockpit {
@@ -174,9 +161,6 @@ impl Cockpit {
             heard: now,
             sampled: now,
             animated: now,
-            waiting: None,
-            halts: None,
-            disarming: None,
             asked: Vec::new(),
             attention: None,
         }
@@ -240,9 +224,6 @@ impl Cockpit {
             .collect();
         self.settings.reconnected(client, now);
         self.scope.give_up();
-        if self.disarming.is_some() {
-            self.disarming = Some(client.request(now, Command::Disarm));
-        }
     }
 
     /// Does an action of the operator, except leaving.
@@ -258,11 +239,9 @@ impl Cockpit {
             Action::Arm => self.arm(client, now),
             Action::Disarm | Action::Quit => {
                 self.rest();
-                self.waiting = None;
-                client.release();
-                self.disarming = Some(client.request(now, Command::Disarm));
+                client.disarm(now);
             }
-            Action::Clear => self.insist(Command::Clear, client, now),
+            Action::Clear => self.clear(client, now),
             Action::Walk(mode) => {
                 if self.want(mode.setpoint(), client, now) {
                     self.note(now, Weight::Note, mode.name());
@@ -335,23 +314,21 @@ impl Cockpit {
             Update::Unanswered { request } => {
                 self.settings.unanswered(*request);
                 self.scope.unanswered(*request);
-                if self.waiting.take_if(|it| it.request == *request).is_some() {
-                    let text = "not done: the robot did not answer; try again";
-                    self.note(now, Weight::Warning, text);
-                }
-                if self.disarming == Some(*request) {
-                    self.disarming = Some(client.request(now, Command::Disarm));
-                }
             }
-            // The state shows it already.
-            Update::SetpointRefused(Refusal::Faulted(_) | Refusal::Stopped) => {
+            Update::Ended { order, why } => {
                 self.rest();
-                client.release();
-            }
-            Update::SetpointRefused(refusal) => {
-                self.note(now, Weight::Warning, &format!("not done: {refusal}"));
-                self.rest();
-                client.release();
+                match why {
+                    // The state shows it already.
+                    Some(Refusal::Faulted(_) | Refusal::Stopped)
+                        if matches!(order, Order::Shake(..)) => {}
+                    Some(refusal) => {
+                        self.note(now, Weight::Warning, &format!("not done: {refusal}"));
+                    }
+                    None => {
+                        let text = "not done: the robot did not answer; try again";
+                        self.note(now, Weight::Warning, text);
+                    }
+                }
             }
             Update::StopAcknowledged => {
                 self.is_stopping = false;
@@ -497,31 +474,25 @@ impl Cockpit {
             Some(telemetry) if telemetry.state == State::Faulted => {
                 self.note(now, Weight::Warning, "faulted: press c to clear it first");
             }
-            _ => {
-                self.disarming = None;
-                self.insist(Command::Arm, client, now);
-            }
+            _ => self.press(Wish::Arm, client, now),
         }
     }
 
-    fn insist(&mut self, command: Command, client: &mut Client, now: Instant) {
-        let arms = command == Command::Arm;
-        let request = client.insist(now, command, PASSING_PATIENCE);
-        self.waiting = Some(Waiting { arms, request, give_up_at: now + PASSING_PATIENCE });
+    fn clear(&mut self, client: &mut Client, now: Instant) {
+        if self.telemetry.is_some_and(|it| !it.stopped && it.faults.is_empty()) {
+            let text = "nothing to clear: neither a stop nor a fault is latched";
+            return self.note(now, Weight::Note, text);
+        }
+        self.press(Wish::Clear, client, now);
     }
 
-    /// Gives up on what was asked for and not done yet, if it would arm or clear the robot.
-    pub fn give_up(&mut self, client: &mut Client) {
-        self.waiting = None;
-        client.give_up_on_moving(None);
-    }
-
-    fn is_arming(&self) -> bool {
-        self.waiting.is_some_and(|waiting| waiting.arms)
+    fn press(&mut self, wish: Wish, client: &mut Client, now: Instant) {
+        if let Err(not_shown) = client.press(now, wish) {
+            self.note(now, Weight::Warning, &format!("not done: {not_shown}"));
+        }
     }
 
     fn answered(&mut self, request: u32, outcome: &Outcome, client: &mut Client, now: Instant) {
-        let waiting = self.waiting.take_if(|waiting| waiting.request == request);
         let about = self.settings.answered(request, outcome, client, now);
         match self.scope.answered(request, outcome, client, now) {
             Some(scope::Answered::Capture) => {
@@ -541,10 +512,6 @@ impl Cockpit {
                 self.current_limit = parameter.value;
             }
             Outcome::Refused(refusal) => {
-                if waiting.is_some_and(|it| it.arms) {
-                    self.rest();
-                    client.release();
-                }
                 // A robot may lack this setting.
                 if !self.asked.contains(&request) {
                     self.note(now, Weight::Warning, &format!("not done: {refusal}"));
@@ -562,8 +529,7 @@ impl Cockpit {
             _ if about == Some(Answered::Save) => {
                 self.note(now, Weight::Note, "the settings are saved");
             }
-            // Telemetry ends arming: the newest may be from before the answer.
-            _ => self.waiting = waiting.or(self.waiting.take()),
+            _ => {}
         }
     }
 
@@ -571,24 +537,10 @@ impl Cockpit {
         self.heard = now;
         self.link = Link::Connected;
         self.telemetry = Some(*telemetry);
-        // A robot that halted does not get there any more.
-        if self.halts.replace(telemetry.halts).is_some_and(|before| before != telemetry.halts) {
-            self.waiting = None;
-        }
-        self.waiting.take_if(|waiting| now >= waiting.give_up_at);
-        if telemetry.state.is_idle() {
-            self.disarming = None;
-        }
-        match telemetry.state {
-            State::Aligning | State::Armed | State::Running if self.is_arming() => {
-                self.waiting = None;
-            }
-            // A robot that disarmed by itself must not start again from an earlier setpoint.
-            State::Disarmed | State::Stopping | State::Faulted if !self.is_arming() => {
-                self.rest();
-                client.release();
-            }
-            _ => {}
+        // A robot that disarmed by itself must not start again from an earlier setpoint.
+        if matches!(telemetry.state, State::Disarmed | State::Stopping | State::Faulted) {
+            self.rest();
+            client.hold(now, Setpoint::REST);
         }
     }
 
@@ -614,7 +566,6 @@ impl Cockpit {
 
     fn lost(&mut self, text: &str, now: Instant) {
         self.rest();
-        (self.waiting, self.halts) = (None, None);
         self.link = Link::Connecting;
         self.note(now, Weight::Alarm, text);
     }

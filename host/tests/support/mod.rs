@@ -9,9 +9,9 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use flix_protocol::message::{
-    Bridges, Command, CrashReport, Event, EventReport, Fault, Faults, Identity, LoopTiming, Mark,
-    MotorTelemetry, OperatorName, Outcome, Parameter, ParameterCommand, Refusal, Reply,
-    ResetReason, Setpoint, State, Telemetry, ToOperator, ToRobot,
+    Bridges, Command, CrashReport, Event, EventReport, Fault, Faults, Halt, Identity, LoopTiming,
+    Mark, MotorTelemetry, OperatorName, Order, Outcome, Parameter, ParameterCommand, Permit,
+    Refusal, Reply, ResetReason, Setpoint, State, Telemetry, ToOperator, ToRobot, Withheld,
 };
 use flix_protocol::session::{Key, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
@@ -64,33 +64,48 @@ pub struct FakeRobot {
     pub stopped_at: Option<Instant>,
     pub faults: Faults,
     pub setpoint: Setpoint,
-    /// Number of the last wish of a person.
-    pub intent: u8,
     pub parameters: Vec<Parameter>,
-    /// All commands that were obeyed or refused, in order.
+    /// All commands that arrived, in order; an order that is repeated is one.
     pub commands: Vec<Command>,
+    /// Number of orders that arrived.
+    pub orders: usize,
     /// Latches this fault as soon as it runs.
     pub fault_when_running: Option<Fault>,
     /// Reports so many times while it runs that it ramps down, as after commands that came late.
     pub reports_of_late_commands: u32,
-    /// Refuses that many requests to arm or to clear, as a robot does while its rotors ramp down.
+    /// Passes over that many orders to arm or to clear, as a robot does while its rotors ramp down.
     pub ramps_down_for: u32,
-    /// How often it halted in this session although nobody there asked for it.
-    halts: u8,
+    /// Does not arm with the settings that it has.
+    pub minds_settings: bool,
+    /// Never takes its link for steady.
+    pub is_unproven: bool,
+    /// The number that an order has to carry.
+    pub permit: Permit,
+    /// Why that was counted up last.
+    pub halted_by: Halt,
     /// The largest number of a request that was to change something, as a robot keeps it.
     changed: Option<u32>,
     /// Comes over it once it is cleared.
     pub after_clearing: Option<fn(&mut Self)>,
-    /// A command that is lost on its way, however often it is sent.
-    pub lost: Option<Command>,
-    /// A command whose answers are lost on their way.
-    pub lost_answer: Option<Command>,
+    /// Commands that are lost on their way, however often they are sent.
+    pub loses: fn(&Command) -> bool,
     /// Hears nothing, and is still heard.
     pub is_deaf: bool,
+    /// States nothing, and still answers.
+    pub is_mute: bool,
     /// Takes for ever to align its motors.
     pub aligns_for_ever: bool,
-    /// Disarms once instead of aligning its motors: halted by commands that stayed away, or for no such reason.
-    pub lapses: Option<bool>,
+    /// Disarms once instead of aligning its motors, for this reason.
+    pub lapses: Option<Halt>,
+    /// The newest order.
+    order: Option<Order>,
+    /// The newest order that is not withheld.
+    wanted: Order,
+    /// Whether that may begin anything.
+    begins: bool,
+    withheld: Option<Withheld>,
+    heard: u64,
+    heard_at: Instant,
     proven_since: Option<Instant>,
     telemetry_at: Instant,
     events: u32,
@@ -108,20 +123,29 @@ impl FakeRobot {
             stopped_at: None,
             faults: Faults::NONE,
             setpoint: Setpoint::REST,
-            intent: 0,
             parameters: parameters(),
             commands: Vec::new(),
+            orders: 0,
             fault_when_running: None,
             reports_of_late_commands: 0,
             ramps_down_for: 0,
-            halts: 0,
+            minds_settings: false,
+            is_unproven: false,
+            permit: Permit::default(),
+            halted_by: Halt::Started,
             changed: None,
             after_clearing: None,
-            lost: None,
-            lost_answer: None,
+            loses: |_| false,
             is_deaf: false,
+            is_mute: false,
             aligns_for_ever: false,
             lapses: None,
+            order: None,
+            wanted: Order::Off,
+            begins: false,
+            withheld: None,
+            heard: 0,
+            heard_at: Instant::START,
             proven_since: None,
             telemetry_at: Instant::START,
             events: 0,
@@ -136,12 +160,20 @@ impl FakeRobot {
 
     /// Is stopped by its owner's other program.
     pub fn stop_from_outside(&mut self) {
-        (self.stopped, self.halts) = (true, self.halts + 1);
+        self.stopped = true;
+        self.count(Halt::StoppedFromOutside);
+        self.come_to_rest();
     }
 
     /// Halts by itself, as after commands that stayed away.
     pub fn halt(&mut self) {
-        self.halts += 1;
+        self.count(Halt::Rested);
+    }
+
+    /// Disarms by itself, as after commands that stayed away for long.
+    pub fn lose_link(&mut self) {
+        self.count(Halt::LinkLost);
+        self.come_to_rest();
     }
 
     /// Latches a fault.
@@ -149,13 +181,31 @@ impl FakeRobot {
         self.faults = self.faults.with(fault);
         self.state = State::Faulted;
         self.setpoint = Setpoint::REST;
-        self.halt();
+        self.count(Halt::Fault);
+    }
+
+    fn count(&mut self, halt: Halt) {
+        (self.permit, self.halted_by) = (self.permit.next(), halt);
+    }
+
+    fn come_to_rest(&mut self) {
+        self.setpoint = Setpoint::REST;
+        if self.state != State::Faulted {
+            self.state = State::Disarmed;
+        }
     }
 
     /// Knows another key alone from now on.
     pub fn revoke(&mut self) {
         self.session.set_operators(Some(Key::new([8; 32])));
-        self.state = State::Disarmed;
+        self.change_operator();
+    }
+
+    fn change_operator(&mut self) {
+        self.count(Halt::Operator);
+        self.come_to_rest();
+        (self.order, self.wanted, self.withheld, self.heard) = (None, Order::Off, None, 0);
+        self.changed = None;
     }
 
     pub fn receive(&mut self, now: Instant, from: SocketAddr, datagram: &[u8]) -> Datagrams {
@@ -168,57 +218,42 @@ impl FakeRobot {
                 vec![(from, frame.to_vec())]
             }
             RobotReceived::Connected(frame) => {
-                (self.proven_since, self.halts, self.changed) = (Some(now), 0, None);
+                self.change_operator();
+                (self.proven_since, self.heard_at) = (Some(now), now);
                 let mut datagrams = vec![(from, frame.to_vec())];
                 datagrams.extend(self.report(now, Event::OperatorConnected(OperatorName::OWNER)));
                 datagrams
             }
-            RobotReceived::Command(ToRobot { command, .. })
-                if self.lost.as_ref() == Some(&command) =>
-            {
+            RobotReceived::Command(ToRobot { command, .. }) if (self.loses)(&command) => Vec::new(),
+            RobotReceived::Command(ToRobot { command: Command::Order(order), .. }) => {
+                self.receive_order(now, order, None);
                 Vec::new()
             }
             // As a robot does: what was asked before the newest change does nothing, and is not answered.
             RobotReceived::Command(ToRobot { request, command, .. })
                 if !command.is_question()
-                    && !matches!(
-                        command,
-                        Command::Setpoint(_) | Command::Stop | Command::Disarm
-                    )
                     && self
                         .changed
                         .is_some_and(|it| request.wrapping_sub(it).cast_signed() < 0) =>
             {
                 Vec::new()
             }
-            RobotReceived::Command(ToRobot { request, intent, halts, command }) => {
-                if !command.is_question() && !matches!(command, Command::Setpoint(_)) {
-                    self.changed = Some(self.changed.map_or(request, |it| it.max(request)));
+            RobotReceived::Command(ToRobot { request, command, .. }) => {
+                if !command.is_question() {
+                    self.changed = Some(request);
                 }
-                self.intent = intent;
-                let outcome = match command {
-                    // Asked for by somebody who has not heard of the last halt.
-                    Command::Clear if halts != self.halts && self.stopped => {
-                        Outcome::Refused(Refusal::Stopped)
-                    }
-                    Command::Clear if halts != self.halts => {
-                        Outcome::Refused(Refusal::Faulted(self.faults))
-                    }
-                    Command::Arm if halts != self.halts && self.state.is_idle() => {
-                        Outcome::Refused(Refusal::Rested)
-                    }
-                    _ => self.obey(now, &command),
-                };
-                self.commands.push(command.clone());
-                if self.lost_answer.as_ref() == Some(&command) {
-                    return Vec::new();
-                }
+                let outcome = self.obey(&command);
+                self.commands.push(command);
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))
             }
-            RobotReceived::Late { command: ToRobot { request, .. }, age } => {
+            RobotReceived::Late { command: ToRobot { request, command, .. }, age } => {
                 let age_ms = age.map_or(u16::MAX, |age| age.as_millis() as u16);
-                let refusal = Refusal::Late { age_ms, limit_ms: 400 };
-                let outcome = Outcome::Refused(refusal);
+                let limit_ms = 400;
+                if let Command::Order(order) = command {
+                    self.receive_order(now, order, Some(Withheld::Late { age_ms, limit_ms }));
+                    return Vec::new();
+                }
+                let outcome = Outcome::Refused(Refusal::Late { age_ms, limit_ms });
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))
             }
             RobotReceived::Refused { request, refusal } => {
@@ -226,16 +261,14 @@ impl FakeRobot {
                 self.send(now, &ToOperator::Reply(Reply { request, outcome }))
             }
             RobotReceived::Stop(frame, by) => {
-                self.obey(now, &Command::Stop);
-                self.stopped_by = by;
-                self.halts += 1;
-                self.commands.push(Command::Stop);
+                self.stop_from_outside();
+                (self.stopped_by, self.stopped_at) = (by, Some(now));
                 let mut datagrams = vec![(from, frame.to_vec())];
                 datagrams.extend(self.report(now, Event::StoppedFromOutside(by)));
                 datagrams
             }
             RobotReceived::Left => {
-                self.state = State::Disarmed;
+                self.change_operator();
                 Vec::new()
             }
             RobotReceived::Dropped(_, None) => Vec::new(),
@@ -243,21 +276,14 @@ impl FakeRobot {
     }
 
     pub fn tick(&mut self, now: Instant) -> Datagrams {
-        let silence = self.session.silence(now).unwrap_or(Duration::MAX);
-        if silence > COMMAND_DEADLINE && self.state == State::Running {
-            self.setpoint = Setpoint::REST;
-            self.state = State::Armed;
-        }
-        if silence > DISARM && self.state == State::Armed {
-            self.state = State::Disarmed;
-            self.halt();
-        }
+        self.climb_ladder(now);
+        self.look(now);
         let mut datagrams = Vec::new();
         if let (Some(fault), State::Running) = (self.fault_when_running, self.state) {
             self.fail(fault);
             datagrams.extend(self.report(now, Event::Fault(fault)));
         }
-        if now >= self.telemetry_at {
+        if now >= self.telemetry_at && !self.is_mute {
             self.telemetry_at = now + TELEMETRY_INTERVAL;
             let mut telemetry = self.telemetry(now);
             if self.state == State::Running && self.reports_of_late_commands > 0 {
@@ -283,41 +309,142 @@ impl FakeRobot {
         self.send(now, &ToOperator::Event(report))
     }
 
-    fn obey(&mut self, now: Instant, command: &Command) -> Outcome {
-        if matches!(command, Command::Arm | Command::Clear) && self.ramps_down_for > 0 {
-            self.ramps_down_for -= 1;
-            return Outcome::Refused(Refusal::State(State::Stopping));
+    /// Takes an order; `late` where it was too old when it arrived.
+    fn receive_order(&mut self, now: Instant, order: Order, late: Option<Withheld>) {
+        self.orders += 1;
+        if self.order.replace(order) != Some(order) {
+            self.commands.push(Command::Order(order));
         }
+        self.withheld = match order {
+            Order::Off | Order::Stop => None,
+            Order::Try(..) => Some(Withheld::NoCurrentSense),
+            Order::Shake(_, setpoint) if setpoint.check().is_err() => Some(Withheld::Range),
+            Order::Shake(..) | Order::Arm(_) | Order::Clear(_) => late,
+        };
+        if self.withheld.is_some() {
+            return;
+        }
+        if late.is_none() {
+            self.heard_at = now;
+        }
+        self.heard = self.session.newest_command();
+        if order == Order::Stop {
+            (self.stopped, self.stopped_at) = (true, Some(now));
+            self.stopped_by = self.session.operator(now).unwrap_or(OperatorName::OWNER);
+        }
+        self.withheld = self.check_begin(now, order);
+        self.begins = self.withheld.is_none();
+        self.wanted = order;
+        self.look(now);
+    }
+
+    /// Returns why this order cannot begin anything yet.
+    fn check_begin(&mut self, now: Instant, order: Order) -> Option<Withheld> {
+        if matches!(order, Order::Arm(_) | Order::Clear(_)) && self.ramps_down_for > 0 {
+            self.ramps_down_for -= 1;
+            return Some(Withheld::State);
+        }
+        let is_proven = self.proven_since.is_some_and(|since| now.since(since) >= LINK_PROOF);
+        match order {
+            Order::Arm(_) if self.minds_settings => Some(Withheld::Settings),
+            Order::Arm(_) if self.is_unproven || !is_proven => Some(Withheld::LinkUnproven),
+            _ => None,
+        }
+    }
+
+    /// Obeys the order in force, as long as that is the same.
+    fn look(&mut self, now: Instant) {
+        let order = self.wanted;
+        let is_present = order.permit() == Some(self.permit);
+        match (self.state, order) {
+            (State::Disarmed, Order::Arm(_)) if is_present && self.begins && !self.stopped => {
+                if now.since(self.heard_at) < COMMAND_DEADLINE {
+                    self.align();
+                }
+            }
+            (State::Disarmed | State::Faulted, Order::Clear(_)) if is_present && self.begins => {
+                self.clear();
+            }
+            (State::Aligning | State::Armed | State::Running, Order::Off | Order::Stop)
+            | (State::Stopping, Order::Stop) => self.come_to_rest(),
+            (State::Aligning, _) if !self.aligns_for_ever => {
+                self.state = State::Armed;
+                self.count(Halt::Aligned);
+            }
+            (State::Armed | State::Running, Order::Shake(_, setpoint)) if is_present => {
+                self.setpoint = setpoint;
+                let rests = setpoint.frequency() == Hertz::ZERO;
+                self.state = if rests { State::Armed } else { State::Running };
+            }
+            (State::Armed | State::Running, _) => {
+                (self.setpoint, self.state) = (Setpoint::REST, State::Armed);
+            }
+            _ => {}
+        }
+    }
+
+    fn align(&mut self) {
+        match self.lapses.take() {
+            Some(halt) => self.count(halt),
+            None if self.aligns_for_ever => self.state = State::Aligning,
+            None => {
+                self.state = State::Armed;
+                self.count(Halt::Aligned);
+            }
+        }
+    }
+
+    fn clear(&mut self) {
+        if !self.stopped && self.faults.is_empty() {
+            return;
+        }
+        (self.stopped, self.faults, self.state) = (false, Faults::NONE, State::Disarmed);
+        if let Some(comes) = self.after_clearing.take() {
+            comes(self);
+        }
+    }
+
+    /// Comes to rest, then disarms, where orders stay away.
+    fn climb_ladder(&mut self, now: Instant) {
+        let silence = now.since(self.heard_at);
+        match self.state {
+            State::Running if silence > COMMAND_DEADLINE => {
+                (self.setpoint, self.state) = (Setpoint::REST, State::Armed);
+                self.count(Halt::Rested);
+            }
+            State::Aligning if silence > COMMAND_DEADLINE => {
+                self.state = State::Disarmed;
+                self.count(Halt::LetGo);
+            }
+            State::Armed if silence > DISARM => self.lose_link(),
+            _ => {}
+        }
+    }
+
+    /// Returns why the newest order is not obeyed.
+    fn why_withheld(&self) -> Option<Withheld> {
+        let order = self.order?;
+        let is_old = order.permit().is_some_and(|it| it != self.permit);
+        match (order, self.state) {
+            (Order::Off | Order::Stop, _)
+            | (Order::Arm(_), State::Aligning | State::Armed | State::Running) => None,
+            _ if self.withheld.is_some_and(|it| it != Withheld::LinkUnproven) => self.withheld,
+            (Order::Clear(_), _) => {
+                ((self.stopped || !self.faults.is_empty()) && is_old).then_some(Withheld::Permit)
+            }
+            _ if !self.faults.is_empty() => Some(Withheld::Faulted),
+            _ if self.stopped => Some(Withheld::Stopped),
+            _ if is_old => Some(Withheld::Permit),
+            (Order::Shake(..), State::Armed | State::Running) => None,
+            (Order::Arm(_), State::Disarmed) => self.withheld,
+            _ => Some(Withheld::State),
+        }
+    }
+
+    fn obey(&mut self, command: &Command) -> Outcome {
         match command {
             Command::Scope(_) => Outcome::Refused(Refusal::NotCaptured),
-            Command::Trial(_) => Outcome::Refused(Refusal::NoCurrentSense),
             Command::Bridges => Outcome::Bridges(BRIDGES),
-            Command::Stop => {
-                (self.stopped, self.stopped_at) = (true, Some(now));
-                self.setpoint = Setpoint::REST;
-                if self.state != State::Faulted {
-                    self.state = State::Disarmed;
-                }
-                Outcome::Done
-            }
-            Command::Clear => {
-                self.stopped = false;
-                self.faults = Faults::NONE;
-                if self.state == State::Faulted {
-                    self.state = State::Disarmed;
-                }
-                if let Some(comes) = self.after_clearing.take() {
-                    comes(self);
-                }
-                Outcome::Done
-            }
-            Command::Disarm => {
-                self.state = State::Disarmed;
-                self.setpoint = Setpoint::REST;
-                Outcome::Done
-            }
-            Command::Arm => self.arm(now),
-            Command::Setpoint(setpoint) => self.shake(*setpoint),
             Command::Parameter(command) => self.parameter(command),
             Command::Identify => Outcome::Identity(Identity {
                 name: "fake".try_into().unwrap(),
@@ -327,44 +454,7 @@ impl FakeRobot {
             }),
             Command::Crash => Outcome::Crash(self.crash.clone()),
             Command::Ping(number) => Outcome::Pong(*number),
-            Command::Order(_) => Outcome::Done,
-        }
-    }
-
-    fn arm(&mut self, now: Instant) -> Outcome {
-        if self.stopped {
-            Outcome::Refused(Refusal::Stopped)
-        } else if !self.faults.is_empty() {
-            Outcome::Refused(Refusal::Faulted(self.faults))
-        } else if self.proven_since.is_none_or(|since| now.since(since) < LINK_PROOF) {
-            Outcome::Refused(Refusal::LinkUnproven)
-        } else {
-            self.state = match self.lapses.take() {
-                Some(is_halted) => {
-                    self.halts += u8::from(is_halted);
-                    State::Disarmed
-                }
-                None if self.aligns_for_ever => State::Aligning,
-                None => State::Armed,
-            };
-            Outcome::Done
-        }
-    }
-
-    fn shake(&mut self, setpoint: Setpoint) -> Outcome {
-        if let Err(error) = setpoint.check() {
-            return Outcome::Refused(error.into());
-        }
-        match self.state {
-            State::Armed | State::Running => {
-                self.setpoint = setpoint;
-                let rests = setpoint == Setpoint::REST;
-                self.state = if rests { State::Armed } else { State::Running };
-                Outcome::Done
-            }
-            _ if self.stopped => Outcome::Refused(Refusal::Stopped),
-            State::Faulted => Outcome::Refused(Refusal::Faulted(self.faults)),
-            state => Outcome::Refused(Refusal::State(state)),
+            _ => Outcome::Refused(Refusal::Malformed),
         }
     }
 
@@ -419,18 +509,21 @@ impl FakeRobot {
     pub fn telemetry(&self, now: Instant) -> Telemetry {
         Telemetry {
             time: now,
-            state: self.state,
+            state: match self.state {
+                State::Disarmed if self.ramps_down_for > 0 => State::Stopping,
+                state => state,
+            },
             faults: self.faults,
             first_fault: self.faults.iter().next(),
             stopped: self.stopped,
             link_late: false,
             frequency_limited: false,
-            halts: self.halts,
-            permit: Default::default(),
-            halt: Default::default(),
-            heard: 0,
-            held_us: 0,
-            withheld: None,
+            halts: 0,
+            permit: self.permit,
+            halt: self.halted_by,
+            heard: self.heard,
+            held_us: now.since(self.heard_at).as_micros().try_into().unwrap_or(u16::MAX),
+            withheld: self.why_withheld(),
             setpoint: self.setpoint,
             frequency: self.setpoint.frequency(),
             direction: self.setpoint.direction(),

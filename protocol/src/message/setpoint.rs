@@ -52,6 +52,12 @@ impl Setpoint {
         }
     }
 
+    /// Returns the pair with f = 0 and the same theta.
+    #[must_use]
+    pub const fn at_rest(self) -> Self {
+        Self { frequency: Hertz::ZERO, ..self }
+    }
+
     /// Checks a received pair, which can be out of range. The robot does so before it moves, and
     /// answers with the range.
     ///

@@ -125,7 +125,8 @@ pub struct Telemetry {
     pub permit: Permit,
     /// Why the permit was counted up last.
     pub halt: Halt,
-    /// Counter of the newest order that the fast loop has looked at, among the datagrams of the session; 0 before the first.
+    /// Number of the newest order that the fast loop has looked at, among the operator's datagrams of the session, counted from 1;
+    /// 0 before the first.
     pub heard: u64,
     /// Time from the arrival of that order to this telemetry, microseconds; `u16::MAX` when it is longer.
     pub held_us: u16,

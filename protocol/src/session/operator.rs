@@ -12,7 +12,7 @@ use super::{
     CONFIRM_PATIENCE, HANDSHAKE_RETRY, HOLDER_SILENCE, SESSION_LIFE, SESSION_RENEWAL, VERSION,
 };
 use crate::frame::{self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, PublicKey, Purpose, Tag};
-use crate::message::{DropReason, Dropped, ToOperator, ToRobot};
+use crate::message::{Command, DropReason, Dropped, ToOperator, ToRobot};
 use crate::units::Instant;
 
 /// State of the connection, as the operator sees it.
@@ -243,12 +243,25 @@ impl OperatorSession {
             return Err(SendError::NoSession);
         };
         let frame = session.channel.seal(command)?;
+        if matches!(command.command, Command::Order(_)) {
+            // Telemetry answers it, with the time for which the robot had held it.
+            return Ok(frame);
+        }
         if self.timed.is_full() {
             self.timed.pop_front();
         }
         let remembered = self.timed.push_back((command.request, now));
         debug_assert!(remembered.is_ok(), "one was taken out of a full queue");
         Ok(frame)
+    }
+
+    /// Returns how many datagrams were sealed in the session: the number of the newest.
+    #[must_use]
+    pub fn sealed(&self) -> u64 {
+        match &self.phase {
+            Phase::Established(session) => session.channel.sealed(),
+            _ => 0,
+        }
     }
 
     /// Seals bytes that need not be a command, for tests of how a robot answers what it cannot

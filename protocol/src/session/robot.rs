@@ -250,10 +250,11 @@ impl RobotSession {
         self.holder.as_ref().map(|holder| holder.moment)
     }
 
-    /// Returns the counter of the newest command of the session; 0 before the first.
+    /// Returns the number of the newest command, among the operator's datagrams of the session, counted from 1; 0 before the first.
     #[must_use]
     pub fn newest_command(&self) -> u64 {
-        self.holder.as_ref().and_then(|holder| holder.newest_command).unwrap_or_default()
+        let newest = self.holder.as_ref().and_then(|holder| holder.newest_command);
+        newest.map_or(0, |counter| counter.saturating_add(1))
     }
 
     /// Receives a datagram from this address.

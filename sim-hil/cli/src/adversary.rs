@@ -88,6 +88,7 @@ fn text(verdict: &Verdict) -> String {
             AMPLIFICATION_LIMIT
         ],
         row!["answers of mDNS a second", verdict.discovery_answers_per_s, DISCOVERY_LIMIT_PER_S],
+        row!["starts and clears without the present permit", verdict.unshown_starts, 0],
         row!["failures while keys are renewed", verdict.renewal_failures, 0],
         row!["failures at the operator's end, cable and server", verdict.siege_failures, 0],
         row![

@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use flix_host::link::RobotLink;
-use flix_protocol::message::Command;
 use flix_protocol::units::Instant;
 use flix_sim::experiment::walk::Start;
 use flix_sim::model::RobotModel;
@@ -149,7 +148,7 @@ impl Session {
         self.state.calls.push(call.clone());
         py.detach(|| match call {
             Call::Arm => operation.arm().map_err(failed).map(|()| None),
-            Call::Disarm => operation.ask(Command::Disarm).map_err(failed).map(|_| None),
+            Call::Disarm => operation.disarm().map_err(failed).map(|()| None),
             Call::Drive(f_hz, theta_deg) => {
                 operation.want(setpoint(f_hz, theta_deg).map_err(refused)?);
                 Ok(None)

@@ -30,6 +30,8 @@ pub struct ChannelParameters {
     pub bursts: Option<Bursts>,
     /// When what is due is let through.
     pub release: Release,
+    /// Datagrams longer than this never arrive, bytes.
+    pub longest: usize,
 }
 
 /// When a network lets datagrams through that are due.
@@ -66,6 +68,7 @@ impl ChannelParameters {
         corruption: 0.0,
         bursts: None,
         release: Release::AtOnce,
+        longest: usize::MAX,
     };
 
     /// Nothing arrives.
@@ -115,7 +118,8 @@ impl Channel {
     /// Takes a datagram at one end.
     pub fn send(&mut self, now: Instant, datagram: &[u8]) {
         self.taken += 1;
-        if self.random.random::<f64>() < self.parameters.loss || self.is_in_burst(now) {
+        let is_lost = self.random.random::<f64>() < self.parameters.loss || self.is_in_burst(now);
+        if is_lost || datagram.len() > self.parameters.longest {
             return;
         }
         self.deliver(now, datagram);

@@ -2,6 +2,8 @@
 
 use core::time::Duration;
 
+use flix_protocol::message::Pattern;
+
 use super::*;
 
 const TEN_HERTZ: Speed = Speed::from_centihertz(1_000);
@@ -9,6 +11,9 @@ const REST: Drive = Drive::Shake(Speed::ZERO, false);
 const MICROSECOND: Duration = Duration::from_micros(1);
 /// Longer than any state lasts by itself.
 const LONG: usize = 70_000;
+
+const TRIAL: Trial =
+    Trial { motors: [true; 2], current_ma: 500, angle: 0, pattern: Pattern::Halve(10), ticks: 100 };
 
 /// A supervisor that is shown what the test says.
 #[derive(Clone)]
@@ -23,7 +28,7 @@ struct Desk {
 
 impl Desk {
     fn disarmed() -> Self {
-        let mut asked = Asked { begins: true, ..Asked::default() };
+        let mut asked = Asked { begins: true, trial: Some(TRIAL), ..Asked::default() };
         asked.hear(Instant::START, Instant::from_micros(u64::MAX));
         let (supervisor, present) = (Supervisor::new(), Faults::NONE);
         Self { supervisor, asked, present, at_rest: false, finished: false, outdated: false }
@@ -336,6 +341,17 @@ fn an_earlier_permit_begins_nothing_and_clears_nothing() {
     assert_eq!((desk.tick(), desk.state()), (REST, State::Armed));
     desk.want(Wanted::Shake);
     assert_eq!((desk.tick(), desk.state()), (Drive::Shake(TEN_HERTZ, true), State::Running));
+}
+
+#[test]
+fn another_trial_ends_the_one_under_way_and_is_no_halt() {
+    let mut desk = Desk::trying();
+    let before = desk.halts();
+    desk.asked.trial = Some(Trial { ticks: 200, ..TRIAL });
+    desk.asked.number += 1;
+    assert_eq!((desk.tick(), desk.state()), (Drive::Brake, State::Disarmed));
+    assert_eq!(desk.halts(), before);
+    assert_eq!((desk.tick(), desk.state()), (Drive::Try, State::Aligning), "by the same permit");
 }
 
 #[test]

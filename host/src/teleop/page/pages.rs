@@ -166,12 +166,18 @@ impl Pages {
             }
             Some(Request::Drive) if !drives => {
                 rest(cockpit, client, now);
-                cockpit.give_up(client);
+                client.give_up(now);
                 self.driver = Some(Driver::new(page, seen));
                 cockpit.note(now, Weight::Note, "another page drives now");
             }
             Some(Request::Drive) => {}
             Some(Request::Settings) => cockpit.settings.read(client, now),
+            Some(Request::Act(Action::Arm | Action::Clear | Action::Walk(_)))
+                if drives && message.seen <= Self::stamp(client.permitted_at()) =>
+            {
+                let text = "not done: the robot has halted meanwhile; look, then try again";
+                cockpit.note(now, Weight::Warning, text);
+            }
             Some(Request::Act(action)) if drives => cockpit.act(action, client, now),
             Some(Request::Set(name, value)) if drives => {
                 cockpit.settings.set(name, value, client, now);
@@ -216,7 +222,7 @@ fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
 /// Disarms the robot unless it is disarmed as far as anybody here knows: it may stay armed by itself with nothing held. What
 /// was asked for and not done yet ends.
 fn disarm(cockpit: &mut Cockpit, client: &mut Client, now: Instant, why: &str) {
-    cockpit.give_up(client);
+    client.give_up(now);
     if client.is_driving() || !cockpit.telemetry.as_ref().is_none_or(|it| it.state.is_idle()) {
         cockpit.act(Action::Disarm, client, now);
         cockpit.note(now, Weight::Alarm, why);

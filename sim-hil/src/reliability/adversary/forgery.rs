@@ -10,8 +10,8 @@
 use std::time::Duration;
 
 use flix_firmware::hardware::TICK_RATE_HZ;
-use flix_host::link::RobotLink;
-use flix_protocol::message::{Command, Dropped, State};
+use flix_host::link::{RobotLink, Wish};
+use flix_protocol::message::{Dropped, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::{Instant, OutOfRange};
 
@@ -211,11 +211,14 @@ fn overhear_session(operation: &mut Operation) -> Result<Vec<Vec<u8>>, BenchErro
     let start = operation.now();
     overhear(operation, start + Duration::from_millis(700))?;
     let mut stopped = operation.stop_from(ELSEWHERE.into())?;
+    // Telemetry states the stop.
     let now = operation.now();
-    operation.client().request(now, Command::Clear);
+    overhear(operation, now + Duration::from_millis(50))?;
+    let now = operation.now();
+    let _ = operation.client().press(now, Wish::Clear);
     overhear(operation, now + Duration::from_millis(100))?;
     let now = operation.now();
-    operation.client().request(now, Command::Arm);
+    let _ = operation.client().press(now, Wish::Arm);
     overhear(operation, now + Duration::from_millis(1_500))?;
     operation.want(setpoint(30.0, 0.0)?);
     let now = operation.now();
@@ -249,11 +252,12 @@ fn script(
         3_500 => operation.want(setpoint(-30.0, -60.0)?),
         5_000 => operation.client().stop(now),
         5_600 => {
-            operation.client().request(now, Command::Clear);
+            let _ = operation.client().press(now, Wish::Clear);
         }
         6_600 => operation.want(setpoint(-30.0, 90.0)?),
         _ if may_arm && is_disarmed && milliseconds.is_multiple_of(100) => {
-            operation.client().request(now, Command::Arm);
+            // The next try is 0.1 s away.
+            let _ = operation.client().press(now, Wish::Arm);
         }
         _ => {}
     }

@@ -11,10 +11,10 @@ use core::net::SocketAddr;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use flix_host::link::{Client, Update};
+use flix_host::link::{Client, Update, Wish};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LOST, LONGEST_MOVEMENT};
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Command, Setpoint, State};
+use flix_protocol::message::{Permit, Setpoint, State};
 use flix_protocol::session::{HANDSHAKE_RETRY, Key, StopSession};
 use flix_protocol::units::{Hertz, Instant};
 use rand::{RngExt, SeedableRng};
@@ -54,6 +54,16 @@ const ONE_BY_ONE: Duration = Duration::from_millis(90);
 const SLOWLY: Duration = Duration::from_secs(9);
 /// Recorded datagrams that are played in a millisecond.
 const PLAYED_PER_MS: usize = 4;
+/// For how long an operator wants nothing, ms, before he arms his robot, where idle orders are delayed.
+const IDLE: u64 = 1_000;
+/// Longest datagram, bytes, that passes a network which lets no telemetry through: telemetry takes more than 200.
+const LONGEST_WITHOUT_TELEMETRY: usize = 160;
+/// Longest time from an order to the halt that crosses it.
+const CROSSING: Duration = Duration::from_millis(50);
+/// Share of the orders that a halt crosses.
+const CROSSED: f64 = 0.4;
+/// For how long a fault, or a silence, lasts that crosses an order.
+const CROSSING_LASTS: Duration = Duration::from_millis(350);
 
 /// How an operator's intent to move ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -112,13 +122,25 @@ impl Plan {
                 | Kind::ReleasedSlowly
                 | Kind::KeptOverRestart
                 | Kind::KeptOverKeyChange
+                | Kind::KeptOverTakeover
         );
         // What is kept for longer is too old when it is released; the other harms may be there from the beginning.
         let longest = if keeps { 600 } else { departs * 5 / 4 };
-        let harms = departs.saturating_sub(random.random_range(0..longest));
-        let departure = DEPARTURES[random.random_range(0..DEPARTURES.len())];
+        let harms = match kind {
+            Kind::IdleReleased => 0,
+            _ => departs.saturating_sub(random.random_range(0..longest)),
+        };
+        let departure = match kind {
+            Kind::KeptOverTakeover => Departure::Ends,
+            _ => DEPARTURES[random.random_range(0..DEPARTURES.len())],
+        };
         let returns = departs + random.random_range(200..2_000);
-        let turns = departs + random.random_range(1_000..2_500);
+        let turns = match kind {
+            // While the operator drives.
+            Kind::TelemetryStarved => harms + random.random_range(0..400),
+            Kind::StopsBetween => random.random_range(100..departs),
+            _ => departs + random.random_range(1_000..2_500),
+        };
         let releases = match kind {
             Kind::KeptOverRestart | Kind::KeptOverKeyChange => {
                 turns + BOOT_TIME.as_millis() as u64 + random.random_range(0..1_000)
@@ -138,7 +160,7 @@ impl Plan {
             ends: returns + random.random_range(100..800),
             turns,
             releases,
-            is_followed: random.random(),
+            is_followed: random.random::<bool>() || kind == Kind::KeptOverTakeover,
             follows: departs + random.random_range(0..1_000),
             over: releases.max(departs + 2_500) + watched,
         }
@@ -158,6 +180,10 @@ pub(super) struct Account {
     pub(super) foreign_stop_s: f64,
     /// Longest time from the last intent to the next operator's session, s.
     pub(super) next_operator_s: f64,
+    /// Starts of movement, and clears, by operators whom the robot had not stated its present permit.
+    pub(super) unshown: u64,
+    /// Orders in force that idle ones undid which were sent before them.
+    pub(super) undone: u64,
 }
 
 /// Lets the robot of this seed live through a session under each of these harms; chance comes from `life` too.
@@ -177,8 +203,13 @@ pub(super) fn run(
         playing: VecDeque::new(),
         is_driving: false,
         intent: Instant::START,
+        left: Instant::START,
         is_awaited: false,
         stopper: None,
+        crosses_at: None,
+        silent_until: None,
+        shown: Vec::new(),
+        looked_at: (State::Disarmed, 0),
         account: Account::default(),
     };
     for &kind in kinds {
@@ -188,22 +219,25 @@ pub(super) fn run(
 }
 
 /// Asks for what brings the robot to shake as wanted; one that shakes is changed only if `changes`.
-pub(super) fn drive(client: &mut Client, now: Instant, wanted: Setpoint, changes: bool) {
-    let Some(telemetry) = client.telemetry() else { return };
-    match telemetry.state {
-        _ if telemetry.stopped => {
-            client.request(now, Command::Clear);
-        }
-        State::Faulted => {
-            client.request(now, Command::Clear);
-        }
-        State::Disarmed => {
-            client.request(now, Command::Arm);
-        }
-        State::Armed => client.want(now, wanted),
-        State::Running if changes => client.want(now, wanted),
-        State::Running | State::Aligning | State::Stopping => {}
-    }
+///
+/// Returns the wish that was pressed.
+pub(super) fn drive(
+    client: &mut Client,
+    now: Instant,
+    wanted: Setpoint,
+    changes: bool,
+) -> Option<Wish> {
+    let telemetry = client.telemetry()?;
+    let wish = match telemetry.state {
+        _ if telemetry.stopped => Wish::Clear,
+        State::Faulted => Wish::Clear,
+        State::Disarmed => Wish::Arm,
+        State::Armed => Wish::Shake(wanted),
+        State::Running if changes => Wish::Shake(wanted),
+        State::Running | State::Aligning | State::Stopping => return None,
+    };
+    // A stop may be on its way.
+    client.press(now, wish).ok().map(|()| wish)
 }
 
 struct Life {
@@ -217,10 +251,20 @@ struct Life {
     is_driving: bool,
     /// When an operator last wanted that.
     intent: Instant,
+    /// When a program ended that had gone on without a walk.
+    left: Instant,
     /// Whether the next operator waits for the robot.
     is_awaited: bool,
     /// Somebody else's stop, when he asked, and whether the robot has latched it.
     stopper: Option<(StopSession, Instant, bool)>,
+    /// When what crosses an order comes.
+    crosses_at: Option<Instant>,
+    /// Until when the network is silent.
+    silent_until: Option<Instant>,
+    /// The newest permit that each operator was shown.
+    shown: Vec<Option<Permit>>,
+    /// State and count of clears that were looked at last.
+    looked_at: (State, u8),
     account: Account,
 }
 
@@ -228,9 +272,10 @@ impl Life {
     fn session(&mut self, kind: Kind) -> Result<(), BenchError> {
         let plan = Plan::new(&mut self.random, kind);
         self.operation.operators.clear();
+        self.shown.clear();
         self.add_operator();
         (self.is_driving, self.is_awaited) = (true, false);
-        self.stopper = None;
+        (self.stopper, self.crosses_at, self.silent_until) = (None, None, None);
         let mut harmed_from = 0;
         if plan.harms == 0 {
             self.harm(&plan);
@@ -249,7 +294,7 @@ impl Life {
                 self.operation.robot.receive(address, &datagram);
             }
             for _ in 0..TICKS_PER_MS {
-                self.tick()?;
+                self.tick(kind)?;
             }
             waited += 1;
             let is_moving = !self.operation.robot.truth().is_slower_than(REST_HZ);
@@ -268,9 +313,11 @@ impl Life {
     /// What the operator, the next one, and fate do in this millisecond.
     fn follow(&mut self, plan: &Plan, waited: u64, moving: Option<u64>) -> Result<(), BenchError> {
         let now = self.operation.now();
+        self.cross(plan.kind);
+        let is_idle = plan.kind == Kind::IdleReleased && waited < IDLE;
         if moving.is_none_or(|moving| moving < plan.departs) {
-            if waited.is_multiple_of(LOOK) {
-                self.drive()?;
+            if waited.is_multiple_of(LOOK) && !is_idle {
+                self.drive(plan.kind)?;
             }
         } else if moving == Some(plan.departs) {
             self.depart(plan.departure)?;
@@ -278,7 +325,13 @@ impl Life {
         match plan.departure {
             Departure::Leaves if moving == Some(plan.departs + 1) => self.set_gone(true),
             Departure::Hangs if moving == Some(plan.returns) => self.set_gone(false),
-            Departure::Hangs if moving == Some(plan.ends) => self.set_gone(true),
+            Departure::Hangs if moving == Some(plan.ends) => {
+                // A program that goes on without a walk keeps its session for as long as it runs.
+                if !self.walks() {
+                    self.left = now;
+                }
+                self.set_gone(true);
+            }
             _ => {}
         }
         if moving == Some(plan.turns) {
@@ -298,7 +351,7 @@ impl Life {
                     }
                     Update::Connected if place > 0 && self.is_awaited => {
                         self.is_awaited = false;
-                        let waited = now.since(self.intent).as_secs_f64();
+                        let waited = now.since(self.intent.max(self.left)).as_secs_f64();
                         self.account.next_operator_s = self.account.next_operator_s.max(waited);
                     }
                     _ => {}
@@ -309,14 +362,82 @@ impl Life {
     }
 
     /// Brings the robot to shake, and changes its mind about how.
-    fn drive(&mut self) -> Result<(), BenchError> {
+    fn drive(&mut self, kind: Kind) -> Result<(), BenchError> {
         let now = self.operation.now();
         let frequency = self.random.random_range(15.0..35.0);
         let frequency = if self.random.random() { frequency } else { -frequency };
         let wanted = setpoint(frequency, self.random.random_range(-90.0..90.0))?;
         let changes = self.random.random::<f64>() < 0.2;
-        drive(self.operation.client(), now, wanted, changes);
+        let pressed = drive(self.operation.client(), now, wanted, changes);
+        let is_crossed = match kind {
+            Kind::HaltAtPress => pressed.is_some() && self.random.random::<f64>() < CROSSED,
+            Kind::StopsBetween => {
+                matches!(pressed, Some(Wish::Clear)) && self.random.random::<f64>() < CROSSED
+            }
+            _ => false,
+        };
+        if is_crossed {
+            self.crosses_at = Some(now + CROSSING.mul_f64(self.random.random()));
+        }
         Ok(())
+    }
+
+    /// Lets come what crosses an order, and go what is over.
+    fn cross(&mut self, kind: Kind) {
+        let now = self.operation.now();
+        if self.silent_until.take_if(|until| *until <= now).is_some() {
+            let operator = &mut self.operation.operators[0];
+            (operator.to_robot.parameters, operator.to_operator.parameters) = (NETWORK, NETWORK);
+        }
+        if self.crosses_at.take_if(|at| *at <= now).is_none() {
+            return;
+        }
+        match self.random.random_range(0..3) {
+            0 if kind == Kind::HaltAtPress => {
+                let fault = HardwareFault::EncoderLost(0);
+                self.operation.robot.disturb(Injected::new(fault, now, now + CROSSING_LASTS, 0));
+            }
+            1 if kind == Kind::HaltAtPress => {
+                self.silent_until = Some(now + CROSSING_LASTS);
+                self.operation.operators[0].to_robot.parameters = ChannelParameters::CUT;
+            }
+            _ => self.stop_from_elsewhere(),
+        }
+    }
+
+    fn stop_from_elsewhere(&mut self) {
+        let mut entropy = [0; 32];
+        self.random.fill(&mut entropy);
+        let now = self.operation.now();
+        self.stopper = Some((StopSession::new(&self.key(), entropy, now), now, false));
+    }
+
+    /// Counts starts of movement, and clears, that the holder of the session was not shown the permit of.
+    fn look(&mut self, kind: Kind) {
+        for (operator, shown) in self.operation.operators.iter().zip(&mut self.shown) {
+            *shown = operator.client.permit().or(*shown);
+        }
+        let robot = &self.operation.robot;
+        let report = robot.report();
+        let (state, cleared) =
+            std::mem::replace(&mut self.looked_at, (report.state, report.events.cleared));
+        let is_undone = matches!(
+            (state, report.state),
+            (State::Aligning | State::Armed | State::Running, State::Disarmed | State::Stopping)
+        );
+        self.account.undone +=
+            u64::from(is_undone && kind == Kind::IdleReleased && self.is_driving);
+        let starts = matches!(
+            (state, report.state),
+            (State::Disarmed, State::Aligning) | (State::Armed, State::Running)
+        );
+        // A robot that restarts counts from zero.
+        if starts || report.events.cleared == cleared.wrapping_add(1) {
+            let holder = robot.operator();
+            let place = self.operation.operators.iter().position(|it| Some(it.address) == holder);
+            let shown = place.and_then(|place| self.shown[place]);
+            self.account.unshown += u64::from(shown != Some(report.permit));
+        }
     }
 
     fn depart(&mut self, departure: Departure) -> Result<(), BenchError> {
@@ -329,13 +450,16 @@ impl Life {
             Departure::Stops => client.stop(now),
             Departure::Rests => client.hold(now, Setpoint::REST),
             Departure::IsOverruled => {
-                let mut entropy = [0; 32];
-                self.random.fill(&mut entropy);
-                let stop = StopSession::new(&self.key(), entropy, now);
-                self.stopper = Some((stop, now, false));
+                self.stop_from_elsewhere();
             }
         }
         Ok(())
+    }
+
+    /// Returns whether the first operator's program holds a walk.
+    fn walks(&self) -> bool {
+        let held = self.operation.operators[0].client.held();
+        held.is_some_and(|setpoint| setpoint.frequency() != Hertz::ZERO)
     }
 
     fn set_gone(&mut self, is_gone: bool) {
@@ -345,6 +469,7 @@ impl Life {
     fn add_operator(&mut self) {
         let key = self.key();
         self.operation.add_operator(key, NETWORK);
+        self.shown.push(None);
     }
 
     /// Returns the robot's key.
@@ -408,9 +533,15 @@ impl Life {
             }
             Kind::ReleasedOneByOne => kept(Release::OneEvery(ONE_BY_ONE)),
             Kind::ReleasedSlowly => kept(Release::OneEvery(SLOWLY)),
-            Kind::ReleasedAtOnce | Kind::KeptOverRestart | Kind::KeptOverKeyChange => {
-                kept(Release::From(now + releases))
+            Kind::ReleasedAtOnce
+            | Kind::KeptOverRestart
+            | Kind::KeptOverKeyChange
+            | Kind::KeptOverTakeover => kept(Release::From(now + releases)),
+            Kind::IdleReleased => (ChannelParameters { reordering: 0.5, ..calm }, calm),
+            Kind::TelemetryStarved => {
+                (calm, ChannelParameters { longest: LONGEST_WITHOUT_TELEMETRY, ..calm })
             }
+            Kind::HaltAtPress | Kind::StopsBetween => both(calm),
             _ => both(late),
         };
         let operator = &mut self.operation.operators[0];
@@ -430,19 +561,19 @@ impl Life {
                 self.random.fill(&mut key);
                 self.operation.robot.change_operators(Some(Key::new(key)));
             }
+            Kind::KeptOverTakeover => {}
+            Kind::TelemetryStarved | Kind::StopsBetween => return self.stop_from_elsewhere(),
             _ => return,
         }
         self.is_awaited = false;
         self.playing = self.recorded.iter().cloned().collect();
     }
 
-    fn tick(&mut self) -> Result<(), BenchError> {
+    fn tick(&mut self, kind: Kind) -> Result<(), BenchError> {
         self.overrule();
         let now = self.operation.now();
-        let operator = &self.operation.operators[0];
-        let held = operator.client.held().map(|setpoint| setpoint.frequency());
         // A program that hung goes on with what it held.
-        let holds = !operator.is_gone && held.is_some_and(|frequency| frequency != Hertz::ZERO);
+        let holds = !self.operation.operators[0].is_gone && self.walks();
         if self.is_driving || holds && self.stopper.is_none() {
             self.intent = now;
         }
@@ -452,6 +583,7 @@ impl Life {
                 recorded.push(datagram.to_vec());
             }
         })?;
+        self.look(kind);
         if !self.operation.robot.truth().is_slower_than(REST_HZ) {
             let since = self.operation.now().since(self.intent).as_secs_f64();
             self.account.movement_s = self.account.movement_s.max(since);

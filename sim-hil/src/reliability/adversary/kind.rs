@@ -66,6 +66,16 @@ pub enum Kind {
     KeptOverRestart,
     /// Genuine datagrams that are kept while the robot is given another key, and all that was recorded, after that.
     KeptOverKeyChange,
+    /// Orders of an operator who wants nothing, which arrive behind his first order to arm.
+    IdleReleased,
+    /// Telemetry that never arrives, while replies and events do, and the robot halts.
+    TelemetryStarved,
+    /// A fault, a silence or a stop of somebody else within 50 ms of an order that begins something.
+    HaltAtPress,
+    /// A second operator who stops the robot between an order to clear and its arrival.
+    StopsBetween,
+    /// Orders that are kept while another operator takes the session, and then played to him and his robot.
+    KeptOverTakeover,
     /// Renewals of keys that are kept for minutes, or for good.
     RenewalHeldBack,
     /// Renewals of keys, of either end, that are played again in their own session.
@@ -130,7 +140,7 @@ pub const FORGERIES: [Kind; 19] = [
 ];
 
 /// What a network in the attacker's hands does to genuine datagrams, each in as many sessions as the others.
-pub const HOLD_UPS: [Kind; 11] = [
+pub const HOLD_UPS: [Kind; 16] = [
     Kind::Delayed,
     Kind::DelayedToRobot,
     Kind::DelayedToOperator,
@@ -142,6 +152,11 @@ pub const HOLD_UPS: [Kind; 11] = [
     Kind::ReleasedSlowly,
     Kind::KeptOverRestart,
     Kind::KeptOverKeyChange,
+    Kind::IdleReleased,
+    Kind::TelemetryStarved,
+    Kind::HaltAtPress,
+    Kind::StopsBetween,
+    Kind::KeptOverTakeover,
 ];
 
 /// What is done to the renewals of a session's keys, each to as many sessions as the others.

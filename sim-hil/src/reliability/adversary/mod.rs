@@ -99,6 +99,9 @@ pub struct Verdict {
     pub longest_foreign_stop_s: f64,
     /// Longest time from an operator's last intent to move to the next operator's session.
     pub longest_wait_of_next_operator_s: f64,
+    /// Starts of movement, and clears, by operators whom the robot had not stated its present permit; orders in force that idle ones
+    /// undid which were sent before them.
+    pub unshown_starts: u64,
     /// Commands lost, and datagrams accepted that should not be, while keys were renewed under attack.
     pub renewal_failures: u64,
     /// Stops that counted twice, keys heard at the cable, pages turned out of the cockpit, rotors that turned again unasked, forgeries
@@ -279,6 +282,7 @@ fn verdict(
         longest_wait_of_next_operator_s: longest(
             &mut held_up.iter().map(|account| account.next_operator_s),
         ),
+        unshown_starts: held_up.iter().map(|account| account.unshown + account.undone).sum(),
         renewal_failures: renewed.iter().map(|account| account.failures).sum(),
         siege_failures: besieged.iter().map(|account| account.failures).sum(),
         forward_secret: recorded.is_forward_secret(),
@@ -299,6 +303,7 @@ fn verdict(
         && verdict.off_link_amplification == 0.0
         && verdict.on_link_amplification <= AMPLIFICATION_LIMIT
         && verdict.discovery_answers_per_s <= DISCOVERY_LIMIT_PER_S
+        && verdict.unshown_starts == 0
         && verdict.renewal_failures == 0
         && verdict.siege_failures == 0
         && verdict.forward_secret
@@ -321,7 +326,7 @@ mod tests {
 
     /// Two scenarios under forged datagrams, two lives on a network in the attacker's hands, and all that is attacked beside.
     static ATTACKED: LazyLock<Verdict> = LazyLock::new(|| {
-        measure(3, Effort { datagrams: 60_000, sessions: 22, bytes: 300_000 }, |_| ()).unwrap()
+        measure(3, Effort { datagrams: 60_000, sessions: 32, bytes: 300_000 }, |_| ()).unwrap()
     });
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use flix_host::link::Update;
+use flix_host::link::{Update, Wish};
 use flix_protocol::message::{Command, ParameterCommand, Setpoint, State};
 use flix_protocol::session::Key;
 use flix_protocol::units::{Instant, OutOfRange};
@@ -141,38 +141,30 @@ impl Scenario {
         let now = operator.clock.read(self.watch.now);
         let client = &mut operator.client;
         let name = |text: &str| text.try_into().unwrap_or_default();
-        let request = match what {
-            0..=7 => {
-                client.want(now, setpoint);
-                None
-            }
-            8 => {
-                client.hold(now, Setpoint::REST);
-                None
-            }
-            9 => {
-                client.release();
-                None
-            }
-            10 => {
-                client.stop(now);
-                None
-            }
+        // A wish that nobody may press now is none.
+        let mut press = |wish| {
+            let _ = client.press(now, wish);
+        };
+        match what {
+            0..=7 => press(Wish::Shake(setpoint)),
+            8 => client.hold(now, Setpoint::REST),
+            9 => client.give_up(now),
+            10 => client.stop(now),
             11 => {
                 client.leave();
                 self.retry[who] = Some(self.watch.now + Duration::from_millis(300));
-                None
             }
-            12 => Some(Command::Disarm),
-            13..=15 => Some(Command::Clear),
-            16..=19 => Some(Command::Arm),
-            20 => Some(Command::Parameter(ParameterCommand::List(0))),
-            21 => Some(Command::Parameter(ParameterCommand::Set(name("telemetry_rate"), rate))),
-            22 => Some(Command::Parameter(ParameterCommand::Save)),
-            _ => Some(Command::Identify),
-        };
-        if let Some(command) = request {
-            client.request(now, command);
+            12 => client.disarm(now),
+            13..=15 => press(Wish::Clear),
+            16..=19 => press(Wish::Arm),
+            what => {
+                let command = match what {
+                    20 => ParameterCommand::List(0),
+                    21 => ParameterCommand::Set(name("telemetry_rate"), rate),
+                    _ => ParameterCommand::Save,
+                };
+                client.request(now, Command::Parameter(command));
+            }
         }
         self.account.commands += 1;
         Ok(())
@@ -347,13 +339,14 @@ impl Scenario {
         let now = self.shown();
         let client = self.operation.client();
         let Some(telemetry) = client.telemetry().copied() else { return };
-        if telemetry.stopped || !telemetry.faults.is_empty() {
-            client.request(now, Command::Clear);
-        } else if telemetry.state == State::Disarmed {
-            client.request(now, Command::Arm);
-        } else if matches!(telemetry.state, State::Armed | State::Running) {
-            client.want(now, setpoint);
-        }
+        let wish = match telemetry.state {
+            _ if telemetry.stopped || !telemetry.faults.is_empty() => Wish::Clear,
+            State::Disarmed => Wish::Arm,
+            State::Armed | State::Running => Wish::Shake(setpoint),
+            State::Aligning | State::Stopping | State::Faulted => return,
+        };
+        // Telemetry has stated the permit.
+        let _ = client.press(now, wish);
     }
 }
 
