@@ -83,7 +83,6 @@ pub const RUNS: [Run; 30] = [
     holds("variant: Stop in any order, and counted", SMALL.with(Change::StopInAnyOrder)),
     holds("variant: clients send Clear unasked", SMALL.with(Change::ClearUnasked)),
     holds("rule, 2 up, 1 down", SMALL.renamed()),
-    holds("rule, 1 up, 1 down, unreduced", Model::new(1, 1).unreduced()),
     holds("rule, 2 up, 1 down, unreduced", SMALL.renamed().unreduced()),
     holds(
         "rule with programs, 1 up, 1 down, unreduced",
@@ -91,5 +90,6 @@ pub const RUNS: [Run; 30] = [
     ),
     holds("rule, 2 up, 2 down", Model::new(2, 2).renamed()),
     holds("rule with programs, 2 up, 1 down", PROGRAMS.renamed()),
+    holds("rule with programs, 2 up, 2 down", Model::new(2, 2).with_programs().renamed()),
     holds("rule, 3 up, 3 down", Model::new(3, 3).renamed()),
 ];
