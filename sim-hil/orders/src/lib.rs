@@ -6,7 +6,7 @@
 //!
 //! The model has one robot, two operators (anna and bob, each a person with a client), and datagrams that the network loses,
 //! repeats, delays and reorders. Faults, silences, trials, restarts of both ends, sessions and presses come at any time and
-//! without number. [`search`] explores every state and checks the [`Invariant`]s I1 to I7. [`mutants`] lists changes of the
+//! without number. [`search()`] explores every state and checks the [`Invariant`]s I1 to I7. [`mutants`] lists changes of the
 //! rule, each of which has to break an invariant, so that the invariants are known to see something.
 //!
 //! # What the model leaves out
