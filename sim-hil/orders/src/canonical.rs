@@ -51,14 +51,14 @@ fn reduce_clients(model: &Model, world: &mut World) {
         if client.session == Session::None || client.session == Session::Ended && !keeps_ended {
             *client = Client::default();
         }
-        if !client.is_told {
+        if !client.has_telemetry {
             client.age = if model.has_programs { Age::Older } else { Age::Previous };
             (client.is_unseen, client.shows_ill) = (true, false);
         }
         if model.forgets_old_permits() {
             // A press by an old permit does no more than a press of rest.
-            client.is_told &= client.age == Age::Present;
-            client.shows_ill &= client.is_told;
+            client.has_telemetry &= client.age == Age::Present;
+            client.shows_ill &= client.has_telemetry;
         }
         let mut under_way = world.down.all().iter().filter(|it| usize::from(it.reader) == who);
         if !under_way.any(|it| it.moment <= client.newest) {
@@ -176,13 +176,13 @@ fn merge(world: &mut World) -> bool {
             && !is_first_stop(it.counter + 1)
             && ups.contains(&Datagram { counter: it.counter + 1, ..*it })
     };
-    let is_told_again =
+    let is_stated_again =
         |it: &Telemetry| downs.contains(&Telemetry { moment: it.moment + 1, ..*it });
     if let Some(place) = ups.iter().position(is_repeated) {
         world.up.remove(place);
         return true;
     }
-    if let Some(place) = downs.iter().position(is_told_again) {
+    if let Some(place) = downs.iter().position(is_stated_again) {
         world.down.remove(place);
         return true;
     }

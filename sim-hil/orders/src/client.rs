@@ -11,7 +11,7 @@ pub struct Client {
     /// Its session, as the robot sees it.
     pub session: Session,
     /// Whether telemetry of this session was shown.
-    pub is_told: bool,
+    pub has_telemetry: bool,
     /// Age of the permit that is shown.
     pub age: Age,
     /// Ghost: the robot has halted since the telemetry that is shown.
@@ -36,7 +36,7 @@ impl Client {
             self.shows_ill || model.has(Change::ClearUnasked) || model.has(Change::ClearDisarms);
         self.session != Session::None
             && self.order.word != Word::Stop
-            && (self.is_told || !word.needs_permit())
+            && (self.has_telemetry || !word.needs_permit())
             && (word != Word::Clear || may_clear)
     }
 
@@ -71,7 +71,9 @@ impl Client {
         }
         if self.order.word.needs_permit() || self.order.word == Word::Next {
             if self.order.age != telemetry.age {
-                if model.has(Change::ClientRenewsPermit) {
+                let is_renewed = model.has(Change::ClientRenewsPermit)
+                    || self.order.word == Word::Next && model.has(Change::ProgramPressesShown);
+                if is_renewed {
                     self.order.age = telemetry.age;
                 } else {
                     self.withdraw(!telemetry.is_idle);
@@ -133,7 +135,7 @@ impl Client {
     }
 
     fn show(&mut self, telemetry: &Telemetry) {
-        self.is_told = true;
+        self.has_telemetry = true;
         (self.age, self.is_unseen) = (telemetry.age, telemetry.is_unseen);
         (self.shows_ill, self.newest) = (telemetry.is_ill, telemetry.moment);
     }

@@ -51,7 +51,7 @@ impl Goal {
     pub(crate) fn is_promised(self, model: &Model, world: &World, who: usize) -> bool {
         let (robot, client) = (&world.robot, &world.clients[who]);
         let holds = client.session == Session::Present;
-        let is_shown = holds && client.is_told && !client.is_unseen;
+        let is_shown = holds && client.has_telemetry && !client.is_unseen;
         let stops_in_any_order = model.has(Change::StopInAnyOrder) || model.has(Change::NoCounter);
         let a_halt_is_under_way =
             world.up.all().iter().map(|it| it.order.word).any(|word| {

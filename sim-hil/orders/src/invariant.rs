@@ -30,7 +30,9 @@ impl Invariant {
             Self::I1 => {
                 "the robot moves by an order whose giver was not shown the last halt, or that has expired"
             }
-            Self::I2 => "a stop or disarm that was received is undone by an older press",
+            Self::I2 => {
+                "a stop or disarm that was received is not obeyed, or an older press undoes it"
+            }
             Self::I3 => "a press cannot take effect any more",
             Self::I4 => "the robot obeys an order of an operator without the session",
             Self::I5 => "a stop or fault is cleared by a person who was not shown it",

@@ -9,7 +9,7 @@ pub struct Model {
     pub down: usize,
     /// Whether clients may be programs, which follow permits.
     pub has_programs: bool,
-    /// Whether operators are renamed so that anna holds the session: half the states, but traces that nobody can read.
+    /// Whether operators are renamed so that anna holds the session: half the states, but unreadable traces.
     pub renames: bool,
     /// Whether states that differ in nothing later are explored once. Without, a search has three times the states or more, and shows
     /// that the reductions hide nothing.
@@ -126,4 +126,6 @@ pub enum Change {
     FollowsAnyReason,
     /// A program whose trial was done keeps its order, with the next permit.
     TriesAgainUnasked,
+    /// A program presses its next trial by the permit that is shown, not by the permit that it followed.
+    ProgramPressesShown,
 }

@@ -46,7 +46,7 @@ const fn holds(name: &'static str, model: Model) -> Run {
 }
 
 /// All runs, the largest last.
-pub const RUNS: [Run; 30] = [
+pub const RUNS: [Run; 31] = [
     mutant("mutant: the robot checks no permit", Change::NoPermit, &[I1]),
     mutant("mutant: the robot checks no counter", Change::NoCounter, &[I2]),
     mutant("mutant: a session neither binds orders nor is a new permit", Change::NoSession, &[I4]),
@@ -79,6 +79,11 @@ pub const RUNS: [Run; 30] = [
         "mutant: a program keeps Try with the next permit",
         Change::TriesAgainUnasked,
         &[I1],
+    ),
+    mutant_of_programs(
+        "mutant: a program presses by the shown permit",
+        Change::ProgramPressesShown,
+        &[I1, I5],
     ),
     holds("variant: Stop in any order, and counted", SMALL.with(Change::StopInAnyOrder)),
     holds("variant: clients send Clear unasked", SMALL.with(Change::ClearUnasked)),

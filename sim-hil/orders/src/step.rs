@@ -28,7 +28,7 @@ pub enum Step {
     /// A client sends its order.
     Send(u8),
     /// The robot sends telemetry.
-    Tell,
+    SendTelemetry,
     /// An order arrives.
     Arrive(u8, Kept),
     /// An order arrives that is too old.
@@ -143,7 +143,7 @@ fn robot(model: &Model, world: &World, take: &mut Take) {
         go(take, world, Step::ForgetFault, |next| next.robot.forget_fault());
     }
     if robot.session == Session::Present && world.down.all().len() < model.down {
-        go(take, world, Step::Tell, |next| {
+        go(take, world, Step::SendTelemetry, |next| {
             next.down.push(telemetry(&world.robot));
             Ok(())
         });
@@ -325,7 +325,7 @@ impl fmt::Display for Step {
             Self::PressNext(who, word) => write!(f, "{}'s program presses {word:?}", name(who)),
             Self::GiveUp(who) => write!(f, "{}'s client gives up", name(who)),
             Self::Send(who) => write!(f, "{}'s client sends", name(who)),
-            Self::Tell => f.write_str("the robot sends telemetry"),
+            Self::SendTelemetry => f.write_str("the robot sends telemetry"),
             Self::Arrive(n, kept) => write!(f, "order {n} arrives{}", copy(kept)),
             Self::ArriveLate(n, kept) => write!(f, "order {n} arrives too late{}", copy(kept)),
             Self::Lose(n) => write!(f, "order {n} is lost"),

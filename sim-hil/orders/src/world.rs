@@ -61,6 +61,9 @@ impl World {
 
     /// Gives a datagram to the robot. `is_late`: its order is too old, so that it acts only where its word calms.
     ///
+    /// A late `Off` or `Stop` leaves no state whose end a sign of life could put off, so it makes no difference whether the robot
+    /// takes it for one.
+    ///
     /// # Errors
     ///
     /// The invariant that breaks.
@@ -144,7 +147,7 @@ impl World {
         robot.obey(model)
     }
 
-    /// Ends the session of both ends. Its telemetry can be read by nobody, so it is dropped.
+    /// Ends the session of both ends. Its telemetry is dropped, because no client can read it any more.
     pub(crate) fn end_sessions(&mut self) {
         for session in self.clients.iter_mut().map(|it| &mut it.session) {
             *session = session.ended();
@@ -181,7 +184,7 @@ impl fmt::Display for World {
         for (name, client) in OPERATORS.iter().zip(&self.clients) {
             match client.session {
                 Session::None => {}
-                _ if client.is_told => {
+                _ if client.has_telemetry => {
                     write!(f, "; {name} {}, shown {:?}", client.order, client.age)?
                 }
                 _ => write!(f, "; {name} {}, shown nothing", client.order)?,
