@@ -20,14 +20,15 @@
 //! In all of these the model allows more than the robot does. Liveness (I3) says that a way to the goal is left; a fair
 //! network takes it.
 //!
-//! Modules: [`robot`], [`client`], [`network`], persons (`persons`), [`step`] by step, [`world`]s made canonical (`canonical`),
-//! [`goal`]s and [`invariant`]s, the [`mod@search`], [`mutants`].
+//! Modules: [`robot`], [`client`], [`network`], persons (`persons`), [`step`]s and [`successors`], [`world`]s made canonical
+//! (`canonical`), [`goal`]s (`liveness`) and [`invariant`]s, the [`mod@search`], [`mutants`].
 #![forbid(unsafe_code)]
 
 mod canonical;
 pub mod client;
 pub mod goal;
 pub mod invariant;
+mod liveness;
 pub mod model;
 pub mod mutants;
 pub mod network;
@@ -36,6 +37,7 @@ mod persons;
 pub mod robot;
 pub mod search;
 pub mod step;
+pub mod successors;
 pub mod world;
 
 pub use goal::Goal;
@@ -43,5 +45,6 @@ pub use invariant::Invariant;
 pub use model::{Change, Model};
 pub use mutants::{RUNS, Run};
 pub use search::{End, Verdict, search};
-pub use step::{Step, steps};
+pub use step::Step;
+pub use successors::steps;
 pub use world::World;

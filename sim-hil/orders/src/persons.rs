@@ -5,8 +5,8 @@ use crate::goal::Goal;
 use crate::model::{Change, Model};
 use crate::network::Datagram;
 use crate::order::{Order, Word};
-use crate::robot::Session;
-use crate::step::{Step, Take, connect, go};
+use crate::robot::{Halt, Session};
+use crate::step::{Step, Take, go};
 use crate::world::{NOW, World};
 
 /// Words that a person may press in a session.
@@ -56,6 +56,26 @@ fn sessions(model: &Model, world: &World, who: u8, take: &mut Take) {
             next.clients[usize::from(who)] = Client::default();
             Ok(())
         });
+    }
+}
+
+/// Opens a session of operator `who`: the robot rests, and the permit is new.
+fn connect(model: &Model, world: &mut World, who: u8) {
+    let index = usize::from(who);
+    world.robot.rest();
+    let counts = !model.has(Change::NoSession) && !model.has(Change::ClientKeepsPermit);
+    world.halt(model, Halt::Other, counts);
+    world.end_sessions();
+    let off = Order { pressed: NOW, ..Order::default() };
+    world.robot.order = off;
+    (world.robot.holder, world.robot.session) = (who, Session::Present);
+    (world.robot.giver, world.robot.giver_session) = (who, Session::Present);
+    (world.robot.newest, world.robot.is_late) = (0, false);
+    let client = &mut world.clients[index];
+    if model.has(Change::ClientKeepsPermit) && client.session == Session::Ended {
+        (client.session, client.newest, client.stop_since) = (Session::Present, 0, 0);
+    } else {
+        *client = Client { session: Session::Present, order: off, ..Default::default() };
     }
 }
 

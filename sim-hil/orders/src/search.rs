@@ -7,7 +7,8 @@ use std::hash::{BuildHasherDefault, Hash, Hasher};
 use crate::goal::Goal;
 use crate::invariant::Invariant;
 use crate::model::Model;
-use crate::step::{Step, steps};
+use crate::step::Step;
+use crate::successors::steps;
 use crate::world::World;
 
 /// Number of states after which a search gives up, because it would need more than 6 GB.
