@@ -550,6 +550,30 @@ fn who_takes_over_takes_no_arming_over() {
 }
 
 #[test]
+fn a_page_whose_picture_is_older_than_the_last_halt_begins_nothing() {
+    let stale = Duration::from_millis(200);
+    let halts: [(fn(&mut FakeRobot), Action, fn(&FakeRobot) -> bool); 3] = [
+        (FakeRobot::halt, Action::Arm, |robot| robot.state == State::Disarmed),
+        (FakeRobot::halt, Action::Walk(PaperMode::LeftTurn), |robot| {
+            robot.setpoint == Setpoint::REST
+        }),
+        (FakeRobot::stop_from_outside, Action::Clear, |robot| robot.stopped),
+    ];
+    for (halts, action, rests) in halts {
+        let mut room = if action == Action::Arm { Room::new() } else { Room::walking() };
+        halts(&mut room.robot);
+        room.run(Duration::from_millis(100));
+        room.say(ANNA, Some(Request::Act(action)), stale).unwrap();
+        room.run(Duration::from_secs(1));
+        assert!(rests(&room.robot), "{action:?}");
+        assert!(room.log().contains("the robot has halted meanwhile"), "{}", room.log());
+        room.act(ANNA, action);
+        room.run(Duration::from_secs(1));
+        assert!(!rests(&room.robot), "{action:?} of a page that shows the halt");
+    }
+}
+
+#[test]
 fn who_takes_over_takes_no_clearing_over() {
     let mut room = Room::walking();
     room.open(BOB);

@@ -4,7 +4,7 @@
 use core::time::Duration;
 
 use flix_host::link::RobotLink;
-use flix_protocol::message::{Command, Faults};
+use flix_protocol::message::Faults;
 use flix_sim::model::RobotModel;
 use flix_sim::reliability::commission::CURRENT_LIMIT_A;
 use flix_sim::reliability::commissioned_accuracy::draw;
@@ -107,8 +107,8 @@ fn end(setup: Setup, end: End) -> Result<Seen, BenchError> {
             target = -35.0;
             operation.want(setpoint(target, DIRECTION_DEG)?);
         }
-        End::Stop => drop(operation.client().request(now, Command::Stop)),
-        End::Disarm => drop(operation.client().request(now, Command::Disarm)),
+        End::Stop => operation.client().stop(now),
+        End::Disarm => operation.client().disarm(now),
         End::Fault | End::Jam => {
             let fault = match end {
                 End::Fault => HardwareFault::EncoderLost(0),

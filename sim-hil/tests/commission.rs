@@ -8,7 +8,7 @@ use flix_firmware::hardware::Sensors;
 use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Finding, Known, Step, commission};
-use flix_host::link::{Client, LinkError, RobotLink};
+use flix_host::link::{Client, LinkError, RobotLink, Wish};
 use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Setpoint};
 use flix_protocol::units::Instant;
 use flix_sim::model::Electrical;
@@ -282,14 +282,20 @@ impl RobotLink for Leaving<'_> {
 
     fn insist(&mut self, command: Command) -> Result<Outcome, OperationError> {
         self.goes_on()?;
-        let is_trial = matches!(command, Command::Trial(_));
-        let outcome = self.robot.insist(command)?;
-        if is_trial && (self.is_lost)() {
+        self.robot.insist(command)
+    }
+
+    fn press(&mut self, wish: Wish) -> Result<(), OperationError> {
+        self.goes_on()?;
+        self.robot.press(wish)?;
+        if matches!(wish, Wish::Try(_)) && (self.is_lost)() {
+            // The trial begins.
+            self.robot.pause(Duration::from_millis(40))?;
             self.robot.operation.operators[0].is_gone = true;
             self.robot.pause(Duration::from_millis(300))?;
             self.robot.operation.operators[0].is_gone = false;
         }
-        Ok(outcome)
+        Ok(())
     }
 
     fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {

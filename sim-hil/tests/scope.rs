@@ -2,7 +2,7 @@
 use std::time::Duration;
 
 use flix_firmware::fast::exchange::Report;
-use flix_host::link::RobotLink;
+use flix_host::link::{RobotLink, Wish};
 use flix_host::scope::Capture;
 use flix_protocol::message::{
     Channel, Command, Fault, Outcome, ParameterCommand, ScopeCommand, ScopePlan, ScopeState,
@@ -152,7 +152,7 @@ fn a_robot_that_nobody_told_otherwise_has_kept_the_last_200_ms_before_a_fault() 
     assert!((lost..lost + 20_000_000).contains(&fault), "{fault} of {lost}");
     // Driven again, it waits for the next.
     operation.robot.mend();
-    operation.request(Command::Clear).unwrap();
+    operation.press(Wish::Clear).unwrap();
     run(&mut operation, Duration::from_millis(500));
     operation.arm().unwrap();
     operation.want(setpoint(-30.0, 0.0).unwrap());

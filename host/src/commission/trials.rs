@@ -109,10 +109,12 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
             Update::Ended { why, .. } => Some(Some(why.clone())),
             // Under way, or over already.
             Update::Telemetry(Telemetry { state: State::Aligning, .. }) => Some(None),
-            Update::Telemetry(Telemetry { halt: Halt::Tried, permit, .. })
-                if Some(*permit) != before =>
-            {
-                Some(None)
+            Update::Telemetry(Telemetry { halt, permit, .. }) if Some(*permit) != before => {
+                match halt {
+                    Halt::Tried => Some(None),
+                    Halt::LetGo => Some(Some(Some(Refusal::Rested))),
+                    _ => None,
+                }
             }
             _ => None,
         })?;
