@@ -103,14 +103,25 @@ impl Value {
 /// One row: a value a column.
 pub type Row = Vec<Value>;
 
-/// What all results of a table depend on, as a hash.
+/// What all results of a table depend on: a hash of the study with its parameters, and one of the program.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fingerprint(String);
 
 impl Fingerprint {
-    /// Takes a hash as text.
-    pub(crate) const fn new(hash: String) -> Self {
-        Self(hash)
+    /// Joins both hashes.
+    pub(crate) fn new(parameters: &str, program: &str) -> Self {
+        Self(format!("{parameters}-{program}"))
+    }
+
+    /// Takes the text of a fingerprint.
+    pub(crate) const fn parse(text: String) -> Self {
+        Self(text)
+    }
+
+    /// Returns the hash of the study with its parameters.
+    #[must_use]
+    pub fn parameters(&self) -> &str {
+        self.0.split('-').next().unwrap_or_default()
     }
 }
 

@@ -2,7 +2,7 @@
 //! Studies: many independent cells, computed in parallel, never lost.
 //!
 //! A [`Study`] lists its cells and computes a batch of them. [`run`] does the rest: it takes the
-//! cells of its [`Shard`], skips those that an earlier, interrupted run already finished, computes
+//! cells of its [`Shard`], skips those that an interrupted run of the same program already finished, computes
 //! the others on all cores with a progress bar, writes each batch to the journal as it ends, and at
 //! last writes one Parquet file. [`merge`] joins the Parquet files of shards into that of the whole.
 //! A cell that fails is a row, too: NaN, and why in the column `failure`; [`Table::succeeded`] leaves those out.
@@ -12,8 +12,9 @@
 //!                                                                  all there? -> results.parquet
 //! ```
 //!
-//! What a result depends on (parameters, model, version of this crate) is hashed into a
-//! [`Fingerprint`]; results of another fingerprint are refused, never mixed.
+//! What a result depends on (parameters, model, the bytes of the program that runs) is hashed into a
+//! [`Fingerprint`]; results of another fingerprint are never mixed. Those of other parameters are refused, those of another
+//! program are computed anew.
 
 pub mod actuation;
 pub mod calibrate;
@@ -37,12 +38,12 @@ pub mod sysid;
 mod table;
 
 pub use column::{Column, Fingerprint, Kind, Row, Value};
-pub use journal::JournalError;
+pub use journal::{Earlier, JournalError};
 pub use shard::{Shard, ShardError};
 pub use table::{Table, TableError, merge};
 
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
 use flix_host::system::interrupt::Interrupt;
@@ -80,18 +81,32 @@ pub trait Study: Sync {
     /// Computes these cells in order: what was found in each, or what went wrong, as a sentence. Must not depend on which cells
     /// come together.
     fn compute(&self, cells: &[usize]) -> Vec<Result<Row, String>>;
+}
 
-    /// Returns the hash of name, parameters, columns and program version.
-    fn fingerprint(&self) -> Fingerprint {
-        let identity = serde_json::json!({
-            "study": self.name(),
-            "parameters": self.parameters(),
-            "columns": all_columns(self.columns()),
-            "version": env!("CARGO_PKG_VERSION"),
-        });
-        let digest = Sha256::digest(identity.to_string().as_bytes());
-        Fingerprint::new(digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect())
-    }
+/// Returns what the results of a study depend on.
+#[must_use]
+pub fn fingerprint(study: &dyn Study) -> Fingerprint {
+    static PROGRAM: OnceLock<String> = OnceLock::new();
+    // A program that cannot be read is known by its version alone.
+    let bytes = || std::env::current_exe().and_then(std::fs::read);
+    let program = PROGRAM
+        .get_or_init(|| short_hash(&bytes().unwrap_or_else(|_| env!("CARGO_PKG_VERSION").into())));
+    fingerprint_by(study, program)
+}
+
+/// Returns the fingerprint of a study that this program computes.
+fn fingerprint_by(study: &dyn Study, program: &str) -> Fingerprint {
+    let identity = serde_json::json!({
+        "study": study.name(),
+        "parameters": study.parameters(),
+        "columns": all_columns(study.columns()),
+    });
+    Fingerprint::new(&short_hash(identity.to_string().as_bytes()), program)
+}
+
+/// Returns the first 16 hexadecimal digits of the SHA-256 hash.
+fn short_hash(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().take(8).map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Name of the last column of every table: why a simulation failed; empty where it did not.
@@ -126,8 +141,8 @@ pub struct Options {
     pub folder: PathBuf,
     /// The cells to compute.
     pub shard: Shard,
-    /// Forget what an earlier run left in the folder.
-    pub restart: bool,
+    /// What is taken of what an earlier run left in the folder.
+    pub earlier: Earlier,
     /// Ends the run between two batches, with all finished cells kept.
     pub interrupt: Interrupt,
 }
@@ -166,15 +181,26 @@ impl Options {
 /// See [`StudyError`]; finished cells are on the disk whatever happens, and the same call goes on
 /// from there.
 pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
-    let fingerprint = study.fingerprint();
+    run_as(study, options, fingerprint(study))
+}
+
+/// Runs a study whose results depend on this.
+fn run_as(
+    study: &dyn Study,
+    options: &Options,
+    fingerprint: Fingerprint,
+) -> Result<Table, StudyError> {
     let columns = all_columns(study.columns());
     let cells: Vec<usize> =
         (0..study.cells()).filter(|cell| options.shard.contains(*cell)).collect();
     let journal_path = options.path("cells", "csv");
-    let (journal, finished) =
-        Journal::open(&journal_path, study.name(), &fingerprint, &columns, options.restart)?;
-    let mut rows = finished;
+    let (mut journal, mut rows) =
+        Journal::open(&journal_path, study.name(), &fingerprint, &columns, options.earlier)?;
     rows.retain(|cell, _| options.shard.contains(*cell) && *cell < study.cells());
+    if rows.len() == cells.len() && options.earlier == Earlier::Unfinished {
+        journal.begin()?;
+        rows.clear();
+    }
     let missing: Vec<usize> =
         cells.iter().copied().filter(|cell| !rows.contains_key(cell)).collect();
 

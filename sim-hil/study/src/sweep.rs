@@ -257,7 +257,7 @@ mod tests {
     use flix_host::system::interrupt::Interrupt;
 
     use super::*;
-    use crate::{Options, Shard, Table, merge, run};
+    use crate::{Earlier, Options, Shard, Table, merge, run};
 
     fn short(seeds: u64) -> Sweep {
         let model = RobotModel::named("W").unwrap();
@@ -281,7 +281,7 @@ mod tests {
         let options = |shard: &str| Options {
             folder: folder.path().to_owned(),
             shard: shard.parse().unwrap(),
-            restart: false,
+            earlier: Earlier::Unfinished,
             interrupt: Interrupt::never(),
         };
         let whole = run(&short(3), &options("1/1")).unwrap();
@@ -300,7 +300,7 @@ mod tests {
         let options = |name: &str, shard: &str| Options {
             folder: folder.path().join(name),
             shard: shard.parse().unwrap(),
-            restart: false,
+            earlier: Earlier::Unfinished,
             interrupt: Interrupt::never(),
         };
         run(&short(3), &options("a", "1/2")).unwrap();
@@ -334,7 +334,7 @@ mod tests {
         let options = || Options {
             folder: folder.path().to_owned(),
             shard: Shard::WHOLE,
-            restart: false,
+            earlier: Earlier::Unfinished,
             interrupt: Interrupt::never(),
         };
         // Faster than anything shakes; a model that has no legs.

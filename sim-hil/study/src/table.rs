@@ -254,7 +254,7 @@ impl Table {
         }
         Ok(Self {
             study: entry("study")?,
-            fingerprint: Fingerprint::new(entry("fingerprint")?),
+            fingerprint: Fingerprint::parse(entry("fingerprint")?),
             shard: entry("shard")?.parse().map_err(|_| stranger("a readable shard"))?,
             cells: entry("cells")?.parse().map_err(|_| stranger("a readable number of cells"))?,
             parameters: serde_json::from_str(&entry("parameters")?)

@@ -24,7 +24,7 @@ use flix_study::figure::overlay;
 use flix_study::measured::{self, Measured};
 use flix_study::modes::{Component, PaperMode, paper_modes, score_modes, shuffled_modes};
 use flix_study::sweep::{Cell, SECONDS, Sweep, Variant, cells};
-use flix_study::{Options, Shard};
+use flix_study::{Earlier, Options, Shard};
 
 /// First seed of the walks that judge the result: none of the search's.
 const FRESH_SEED: u64 = 1_000_001;
@@ -300,7 +300,7 @@ fn judge(
                 &Options {
                     folder: args.out.join("judgement"),
                     shard: Shard::WHOLE,
-                    restart: true,
+                    earlier: Earlier::Forget,
                     interrupt: settings.interrupt.clone(),
                 },
             )?;

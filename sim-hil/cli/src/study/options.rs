@@ -14,7 +14,7 @@ use flix_sim::experiment::walk::{Shaking, WalkDrive, require_walker};
 use flix_sim::model::RobotModel;
 use flix_sim::rig::bench::{DIRECTIONS, FREQUENCIES};
 use flix_study::sweep::{Sweep, Variant, grid_of};
-use flix_study::{Options, Shard, Study, Table, figure};
+use flix_study::{Earlier, Options, Shard, Study, Table, figure};
 
 /// Returns the rows of a study's table that can be judged, and says which simulations failed.
 ///
@@ -55,8 +55,11 @@ pub struct RunArgs {
     /// Folder for cells, table and figure [default: one for each study and its parameters, under out/study]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Forget what an earlier run left there
+    /// Take all results that an earlier run of this program left there, not those of an interrupted run alone
     #[arg(long)]
+    pub resume: bool,
+    /// Forget what an earlier run left there
+    #[arg(long, conflicts_with = "resume")]
     pub restart: bool,
 }
 
@@ -66,11 +69,11 @@ impl RunArgs {
     pub fn folder(&self, study: &dyn Study) -> PathBuf {
         self.out.clone().unwrap_or_else(|| {
             // The hash distinguishes what the label does not.
-            let hash = study.fingerprint().to_string();
+            let hash = flix_study::fingerprint(study);
             let label = study.label().replace(|c: char| !c.is_alphanumeric() && c != '.', "-");
             PathBuf::from("out/study")
                 .join(study.name())
-                .join(format!("{label}-{}", &hash[..FOLDER_HASH]))
+                .join(format!("{label}-{}", &hash.parameters()[..FOLDER_HASH]))
         })
     }
 
@@ -82,7 +85,11 @@ impl RunArgs {
         let options = Options {
             folder: self.folder(study),
             shard: self.shard,
-            restart: self.restart,
+            earlier: match (self.resume, self.restart) {
+                (true, _) => Earlier::All,
+                (_, true) => Earlier::Forget,
+                _ => Earlier::Unfinished,
+            },
             interrupt: listen()?,
         };
         let table = flix_study::run(study, &options)?;
