@@ -9,9 +9,8 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use flix_sim::study::{Column, Fingerprint, Kind, Row, Value};
 use sha2::{Digest, Sha256};
-
-use super::column::{Column, Fingerprint, Kind, Row, Value};
 
 /// Why finished cells could not be kept or found.
 #[derive(Debug, thiserror::Error)]
@@ -161,6 +160,7 @@ impl Journal {
                 Value::Number(number) => number.to_string(),
                 Value::Whole(whole) => whole.to_string(),
                 Value::Text(text) => text.clone(),
+                Value::Flag(flag) => flag.to_string(),
             });
             let mut fields: Vec<String> = std::iter::once(cell.to_string()).chain(values).collect();
             fields.push(check(&self.fingerprint, fields.iter().map(String::as_str)));
@@ -201,6 +201,7 @@ fn parse(
                 Kind::Number => Value::Number(field.parse().ok()?),
                 Kind::Whole => Value::Whole(field.parse().ok()?),
                 Kind::Text => Value::from(field),
+                Kind::Flag => Value::Flag(field.parse().ok()?),
             })
         })
         .collect();

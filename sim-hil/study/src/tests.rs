@@ -1,5 +1,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use flix_sim::study::Column;
+
 use super::*;
 
 /// Squares of the cells' numbers, counted, failing from one cell on when asked to.
@@ -83,7 +85,7 @@ fn shards_merged_equal_one_run() {
         files.push(options.path("results", "parquet"));
     }
     assert_eq!(merge(&files).unwrap(), whole);
-    assert_eq!(Table::read(&folder.path().join("results.parquet")).unwrap(), whole);
+    assert_eq!(read(&folder.path().join("results.parquet")).unwrap(), whole);
 }
 
 #[test]
@@ -150,7 +152,7 @@ fn a_file_of_something_else_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("results.parquet");
     std::fs::write(&path, "not parquet").unwrap();
-    assert!(matches!(Table::read(&path), Err(TableError::Parquet { .. })));
+    assert!(matches!(read(&path), Err(TableError::Parquet { .. })));
 }
 
 #[test]

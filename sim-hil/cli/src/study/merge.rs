@@ -28,7 +28,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let table = flix_study::merge(&args.files)?;
     let beside = args.files.first().and_then(|file| file.parent()).map(PathBuf::from);
     let folder = args.out.clone().or(beside).unwrap_or_default();
-    table.write(&folder.join("results.parquet"))?;
+    flix_study::write(&table, &folder.join("results.parquet"))?;
     show(&judged(&table)?, &folder)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -13,8 +13,9 @@ use crate::output::{complain, print};
 use flix_sim::experiment::walk::{Shaking, WalkDrive, require_walker};
 use flix_sim::model::RobotModel;
 use flix_sim::rig::bench::{DIRECTIONS, FREQUENCIES};
+use flix_sim::study::{Shard, Study, Table};
 use flix_study::sweep::{Sweep, Variant, grid_of};
-use flix_study::{Earlier, Options, Shard, Study, Table, figure};
+use flix_study::{Earlier, Options, figure};
 
 /// Returns the rows of a study's table that can be judged, and says which simulations failed.
 ///
