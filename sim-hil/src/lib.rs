@@ -17,8 +17,8 @@
 //! | [`plant`] | the physics: [`plant::mechanics`] (rotors, body, four soft legs, contact), [`plant::electronics`] (motors, bridges, battery, sensors) |
 //! | [`batch`] | thousands of plants at once, a robot in each lane of a vector unit |
 //! | [`rig`] | the robot's software on the plant, its network, cameras, hardware faults, operators; the bench |
-//! | [`experiment`] | a walk, a closed loop, probes of the mechanics, the metrics, the reference table |
 //! | [`study`] | measurements as data: cells, columns with limits, tables |
+//! | [`experiment`] | a walk, a closed loop, probes of the mechanics, the metrics, the reference table |
 //! | [`reliability`] | what is promised, measured: accuracy, fault matrix, soak test, adversary |
 //! | [`view`] | a replay of a run for the browser |
 //!

@@ -6,11 +6,13 @@
 
 mod column;
 mod figure;
+mod measurement;
 mod shard;
 mod table;
 
 pub use column::{Column, FAILURE, Fingerprint, Kind, Row, Value, keeps};
 pub use figure::{Figure, Limit};
+pub use measurement::Measurement;
 pub use shard::{Shard, ShardError};
 pub use table::Table;
 
@@ -41,9 +43,10 @@ pub trait Study: Sync {
         1
     }
 
-    /// Returns how many neighbouring cells are one run of a robot, which no shard separates.
-    fn cells_of_a_run(&self) -> usize {
-        1
+    /// Returns the number of the run of a robot that a cell belongs to. No shard and no batch separates the cells of a run, which
+    /// are neighbours.
+    fn run_of(&self, cell: usize) -> usize {
+        cell
     }
 
     /// Computes these cells in order: what was found in each, or what went wrong, as a sentence. Must not depend on which cells
@@ -74,6 +77,21 @@ pub fn all_columns(study: &dyn Study) -> Vec<Column> {
     columns
 }
 
+/// Returns cells in batches that separate no run.
+#[must_use]
+pub fn batches<'a>(study: &dyn Study, mut cells: &'a [usize]) -> Vec<&'a [usize]> {
+    let mut batches = Vec::new();
+    while !cells.is_empty() {
+        let run_at = |place: usize| study.run_of(cells[place]);
+        let ends = (study.batch().clamp(1, cells.len())..cells.len())
+            .find(|end| run_at(*end) != run_at(end - 1));
+        let (batch, rest) = cells.split_at(ends.unwrap_or(cells.len()));
+        batches.push(batch);
+        cells = rest;
+    }
+    batches
+}
+
 /// Computes cells, and returns their rows.
 #[must_use]
 pub fn rows(study: &dyn Study, columns: &[Column], cells: &[usize]) -> Vec<(usize, Row)> {
@@ -98,7 +116,7 @@ fn row(columns: &[Column], asked: Row, found: Result<Row, String>) -> Row {
 pub fn compute(study: &dyn Study) -> Table {
     let columns = all_columns(study);
     let cells: Vec<usize> = (0..study.cells()).collect();
-    let batches = cells.par_chunks(study.batch().max(1));
+    let batches = batches(study, &cells).into_par_iter();
     let rows = batches.flat_map_iter(|batch| rows(study, &columns, batch)).collect();
     Table {
         study: study.name().to_owned(),

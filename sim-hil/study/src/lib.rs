@@ -42,7 +42,9 @@ use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
 use flix_host::system::interrupt::Interrupt;
-use flix_sim::study::{Fingerprint, Row, Shard, Study, Table, all_columns, rows as rows_of};
+use flix_sim::study::{
+    Fingerprint, Row, Shard, Study, Table, all_columns, batches, rows as rows_of,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use sha2::{Digest, Sha256};
@@ -132,12 +134,12 @@ fn run_as(
     fingerprint: Fingerprint,
 ) -> Result<Table, StudyError> {
     let columns = all_columns(study);
-    let is_of_shard = |cell: usize| options.shard.contains(cell / study.cells_of_a_run().max(1));
+    let is_of_shard = |cell: usize| options.shard.contains(study.run_of(cell));
     let cells: Vec<usize> = (0..study.cells()).filter(|cell| is_of_shard(*cell)).collect();
     let journal_path = options.path("cells", "csv");
     let (mut journal, mut rows) =
         Journal::open(&journal_path, study.name(), &fingerprint, &columns, options.earlier)?;
-    rows.retain(|cell, _| is_of_shard(*cell) && *cell < study.cells());
+    rows.retain(|cell, _| *cell < study.cells() && is_of_shard(*cell));
     if rows.len() == cells.len() && options.earlier == Earlier::Unfinished {
         journal.begin()?;
         rows.clear();
@@ -149,9 +151,7 @@ fn run_as(
     bar.set_position(rows.len() as u64);
     bar.reset_eta();
     let journal = Mutex::new(journal);
-    let computed: Vec<Result<Vec<(usize, Row)>, StudyError>> = missing
-        .chunks(study.batch().max(1))
-        .collect::<Vec<_>>()
+    let computed: Vec<Result<Vec<(usize, Row)>, StudyError>> = batches(study, &missing)
         .into_par_iter()
         .map(|batch| {
             if options.interrupt.is_raised() {

@@ -53,7 +53,7 @@ pub struct RunArgs {
     /// Compute this slice of the cells only; `flix-sim study merge` joins slices
     #[arg(long, value_name = "I/N", default_value_t = Shard::WHOLE)]
     pub shard: Shard,
-    /// Folder for cells, table and figure [default: one for each study and its parameters, under out/study]
+    /// Folder for cells, table and figure [default: one for each command and its parameters, under out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Take all results that an earlier run of this program left there, not those of an interrupted run alone
@@ -65,26 +65,30 @@ pub struct RunArgs {
 }
 
 impl RunArgs {
-    /// Returns where this study is kept.
+    /// Returns where this study is kept, by default below `root`.
     #[must_use]
-    pub fn folder(&self, study: &dyn Study) -> PathBuf {
+    pub fn folder_below(&self, root: &Path, study: &dyn Study) -> PathBuf {
         self.out.clone().unwrap_or_else(|| {
             // The hash distinguishes what the label does not.
             let hash = flix_study::fingerprint(study);
             let label = study.label().replace(|c: char| !c.is_alphanumeric() && c != '.', "-");
-            PathBuf::from("out/study")
-                .join(study.name())
-                .join(format!("{label}-{}", &hash.parameters()[..FOLDER_HASH]))
+            root.join(format!("{label}-{}", &hash.parameters()[..FOLDER_HASH]))
         })
     }
 
-    /// Computes what is missing of the slice. None, after saying what is next, when that is not the whole.
+    /// Returns where a study of the paper's is kept.
+    #[must_use]
+    pub fn folder(&self, study: &dyn Study) -> PathBuf {
+        self.folder_below(&Path::new("out/study").join(study.name()), study)
+    }
+
+    /// Computes what is missing of the slice.
     ///
     /// # Errors
     /// When the study did not end; finished cells are kept.
-    pub fn run(&self, study: &dyn Study) -> Result<Option<Table>, Error> {
+    pub fn compute(&self, study: &dyn Study, folder: &Path) -> Result<Table, Error> {
         let options = Options {
-            folder: self.folder(study),
+            folder: folder.to_owned(),
             shard: self.shard,
             earlier: match (self.resume, self.restart) {
                 (true, _) => Earlier::All,
@@ -93,17 +97,32 @@ impl RunArgs {
             },
             interrupt: listen()?,
         };
-        let table = flix_study::run(study, &options)?;
+        Ok(flix_study::run(study, &options)?)
+    }
+
+    /// Returns a line that says where a slice is, and what is next; empty where it is the whole.
+    pub(crate) fn next(&self, study: &dyn Study, folder: &Path) -> String {
+        if self.shard == Shard::WHOLE {
+            return String::new();
+        }
+        let (name, folder) = (study.name(), folder.display());
+        format!(
+            "slice {} of {name} is in {folder}; when all are there: flix-sim study merge {folder}/results-*.parquet\n",
+            self.shard
+        )
+    }
+
+    /// Computes what is missing of the slice. None, after saying what is next, when that is not the whole.
+    ///
+    /// # Errors
+    /// When the study did not end; finished cells are kept.
+    pub fn run(&self, study: &dyn Study) -> Result<Option<Table>, Error> {
+        let folder = self.folder(study);
+        let table = self.compute(study, &folder)?;
         if self.shard == Shard::WHOLE {
             return judged(&table).map(Some);
         }
-        print(&format!(
-            "slice {} of {} is in {}; when all are there: flix-sim study merge {}/results-*.parquet\n",
-            self.shard,
-            study.name(),
-            options.folder.display(),
-            options.folder.display()
-        ))?;
+        print(&self.next(study, &folder))?;
         Ok(None)
     }
 }
