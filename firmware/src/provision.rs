@@ -8,11 +8,11 @@
 
 use core::fmt;
 
-use flix_protocol::message::{Identity, OperatorName, ResetReason, State};
+use flix_protocol::message::{Identity, ResetReason, State};
 use flix_protocol::provision::{
     Answer, FrameReader, MAXIMUM_FRAME, ProvisionRefusal, Provisioning, Request, write_frame,
 };
-use flix_protocol::session::{Key, Operator, Operators};
+use flix_protocol::session::{Operator, Operators};
 use heapless::Vec;
 use zeroize::Zeroizing;
 
@@ -26,8 +26,6 @@ pub const STORED_LENGTH: usize = 640;
 
 /// Version of the stored form: an [`Owned`] robot, or none.
 const FORMAT_VERSION: u16 = 2;
-/// Version of the form that the first release stored: one key, without a name.
-const FORMAT_OF_ONE_KEY: u16 = 1;
 
 /// Name and network of a robot, and who may command it.
 type Owned = (Provisioning, Operators);
@@ -224,15 +222,7 @@ fn is_usable((provisioning, operators): &Owned) -> bool {
 fn load<S: SettingsStore>(store: &mut S) -> Result<Option<Owned>, LoadError> {
     let mut buffer = Zeroizing::new([0; STORED_LENGTH]);
     // Stored while the robot has an owner: who; else that there is none.
-    let owned = match stored::load::<Option<Owned>>(store, FORMAT_VERSION, &mut *buffer) {
-        Ok(stored) => stored.flatten(),
-        Err(error) => {
-            stored::load::<Option<(Provisioning, [u8; 32])>>(store, FORMAT_OF_ONE_KEY, &mut *buffer)
-                .map_err(|_| error)?
-                .flatten()
-                .map(|(it, key)| (it, Operator::new(OperatorName::OWNER, &Key::new(key)).into()))
-        }
-    };
+    let owned = stored::load::<Option<Owned>>(store, FORMAT_VERSION, &mut *buffer)?.flatten();
     if owned.as_ref().is_none_or(is_usable) { Ok(owned) } else { Err(LoadError::Damaged) }
 }
 
@@ -246,7 +236,7 @@ fn save<S: SettingsStore>(store: &mut S, owned: &Option<Owned>) -> Result<(), Sa
 mod tests {
     use super::*;
     use crate::board::DENGFOC_V3_01;
-    use crate::stored::CRC;
+    use flix_protocol::session::Key;
     use std::format;
 
     #[derive(Default)]
@@ -470,19 +460,6 @@ mod tests {
         let answer =
             ask(&mut robot(&mut memory), &Request::Provision(mine(), owner()), State::Disarmed);
         assert_eq!(answer, Answer::Done);
-    }
-
-    #[test]
-    fn what_the_first_release_stored_is_read() {
-        // Version, some, name, network, password, no address, key; the check sum follows.
-        let mut bytes = std::vec![1, 1, 5];
-        bytes.extend_from_slice(b"daisy\x08workshop\x0dcorrect horse\x00");
-        bytes.extend_from_slice(&KEY);
-        let sum = CRC.checksum(&bytes).to_le_bytes();
-        bytes.extend_from_slice(&sum);
-        let mut memory = Memory { bytes: Some(bytes), ..Memory::default() };
-        let robot = robot(&mut memory);
-        assert_eq!((robot.provisioning(), robot.operators()), (Some(&mine()), owner().into()));
     }
 
     /// A provisioned robot after these requests, which it takes; and its memory.

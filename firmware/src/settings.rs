@@ -32,8 +32,6 @@ pub const STORED_LENGTH: usize = 1_000;
 
 /// Version of the stored form.
 const FORMAT_VERSION: u16 = 2;
-/// Version of the stored form that knows no marks.
-const FORMAT_WITHOUT_MARKS: u16 = 1;
 /// Most settings in a stored form: those of another firmware, too.
 const MOST_STORED: usize = 96;
 
@@ -445,7 +443,7 @@ impl Settings {
     /// was such, and why: the store failed, or what it holds is damaged or out of range.
     pub fn load<S: SettingsStore>(store: &mut S) -> (Self, Result<(), LoadError>) {
         let mut settings = Self::DEFAULT;
-        let stored = match load_entries(store) {
+        let stored: Stored = match stored::load(store, FORMAT_VERSION, &mut [0; STORED_LENGTH]) {
             Ok(stored) => stored.unwrap_or_default(),
             Err(error) => return (settings, Err(error)),
         };
@@ -526,36 +524,6 @@ const fn switch(on: bool) -> f32 {
 
 /// The stored form: hashes of names, values and their marks.
 type Stored = Vec<(u32, f32, Option<Mark>), MOST_STORED>;
-
-/// Reads the stored form, this firmware's or an older one's.
-fn load_entries(store: &mut impl SettingsStore) -> Result<Option<Stored>, LoadError> {
-    let mut buffer = [0; STORED_LENGTH];
-    let error = match stored::load(store, FORMAT_VERSION, &mut buffer) {
-        Err(error) => error,
-        outcome => return outcome,
-    };
-    let older: Option<Vec<(u32, f32), MOST_STORED>> =
-        stored::load(store, FORMAT_WITHOUT_MARKS, &mut buffer).map_err(|_| error)?;
-    Ok(older.map(|older| {
-        // What differs from its default was entered or measured; a default may be nobody's. Who entered all that
-        // the currents depend on knew the motors.
-        let differs = |name: &str, hash: u32, value: f32| {
-            name_hash(name) == hash
-                && Settings::DEFAULT.get(name).is_some_and(|default| default != value)
-        };
-        let is_given = |name: &str| older.iter().any(|(hash, value)| differs(name, *hash, *value));
-        let motors_are_known = VOLTAGE_MODE_VALUES.iter().all(|name| is_given(name));
-        let marked = |(hash, value): &(u32, f32)| {
-            let name = MOTOR_VALUES.iter().find(|name| name_hash(name) == *hash);
-            let mark = name.map(|name| match motors_are_known || differs(name, *hash, *value) {
-                true => Mark::Entered,
-                false => Mark::Assumed,
-            });
-            (*hash, *value, mark)
-        };
-        older.iter().map(marked).collect()
-    }))
-}
 
 /// Returns whether a setting says what a motor is like.
 const fn is_motor_value(name: &str) -> bool {
@@ -818,46 +786,6 @@ mod tests {
         let expected = Settings { over_speed: 60.0, ..Settings::DEFAULT };
         let mut store = store_of(FORMAT_VERSION, &entries.as_slice());
         assert_eq!(Settings::load(&mut store), (expected, Ok(())));
-    }
-
-    #[test]
-    fn what_an_older_firmware_stored_is_kept_and_a_motors_default_is_assumed() {
-        let values = [("top_phase_resistance", 5.0), ("pole_pairs", 7.0), ("over_speed", 60.0)]
-            .map(|(name, value): (_, f32)| (name_hash(name), value));
-        let mut store = store_of(FORMAT_WITHOUT_MARKS, &values.as_slice());
-        let settings = Settings::load(&mut store).0;
-        let found = (settings.phase_resistance[0], settings.pole_pairs, settings.over_speed);
-        assert_eq!(found, (5.0, 7.0, 60.0));
-        let marks = ["top_phase_resistance", "pole_pairs"].map(|name| settings.marked(name));
-        assert_eq!(marks, [Some(Mark::Entered), Some(Mark::Assumed)]);
-    }
-
-    #[test]
-    fn the_motors_of_whom_an_older_firmware_knew_resistance_and_flux_are_known() {
-        let given = VOLTAGE_MODE_VALUES.map(|name| (name_hash(name), 4.5_f32));
-        let rest = ["pole_pairs", "encoder_latency"]
-            .map(|name| (name_hash(name), Settings::DEFAULT.get(name).unwrap()));
-        let values = [&given[..], &rest[..]].concat();
-        let settings = Settings::load(&mut store_of(FORMAT_WITHOUT_MARKS, &values.as_slice())).0;
-        let marks = ["top_flux_linkage", "pole_pairs"].map(|name| settings.marked(name));
-        assert_eq!(marks, [Some(Mark::Entered); 2]);
-    }
-
-    /// Every value of a robot of the release before marks, but for two that some firmware may refuse; these are as
-    /// anybody could have set them.
-    #[test]
-    fn quick_loops_and_patience_that_an_older_firmware_stored_are_kept() {
-        let value = |setting: &Setting| match setting.name {
-            "position_bandwidth" => 45.0,
-            "command_age" => 1.0,
-            _ => setting.default,
-        };
-        let values: std::vec::Vec<(u32, f32)> =
-            TABLE.iter().map(|setting| (name_hash(setting.name), value(setting))).collect();
-        let mut store = store_of(FORMAT_WITHOUT_MARKS, &values.as_slice());
-        let (settings, loaded) = Settings::load(&mut store);
-        assert_eq!(loaded, Ok(()));
-        assert!(TABLE.iter().all(|setting| (setting.read)(&settings) == value(setting)));
     }
 
     #[test]

@@ -17,6 +17,7 @@
 //! | [`plant`] | the physics: [`plant::mechanics`] (rotors, body, four soft legs, contact), [`plant::electronics`] (motors, bridges, battery, sensors) |
 //! | [`batch`] | thousands of plants at once, a robot in each lane of a vector unit |
 //! | [`rig`] | the robot's software on the plant, its network, cameras, hardware faults, operators; the bench |
+//! | [`study`] | measurements as data: cells, columns with limits, tables |
 //! | [`experiment`] | a walk, a closed loop, probes of the mechanics, the metrics, the reference table |
 //! | [`reliability`] | what is promised, measured: accuracy, fault matrix, soak test, adversary |
 //! | [`view`] | a replay of a run for the browser |
@@ -62,4 +63,6 @@ pub use flix_plant::{model, plant};
 pub mod experiment;
 pub mod reliability;
 pub mod rig;
+#[cfg(not(target_family = "wasm"))]
+pub mod study;
 pub mod view;

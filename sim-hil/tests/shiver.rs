@@ -1,7 +1,8 @@
 //! No settings that the robot arms with let a rotor shiver at rest, unless a fault says so; by the plant. All drawn sets:
 //! `flix-sim shiver`.
 
-use flix_sim::reliability::shiver::{Set, Verdict, margin, measure, run};
+use flix_sim::reliability::shiver::{Set, Verdict, margin, run, shivers};
+use flix_sim::study::{Study as _, compute};
 
 fn set(values: &[(&str, f64)]) -> Set {
     values.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect()
@@ -35,8 +36,9 @@ fn settings_that_are_stable_rest_quietly() {
 
 #[test]
 fn of_drawn_settings_those_nearest_the_border_rest_quietly_or_say_why_not() {
-    let shivers = measure(2_000, 12, 1, || {}).unwrap();
-    let failed: Vec<_> = shivers.run.iter().filter(|judged| !judged.passes()).collect();
-    assert!(failed.is_empty(), "{failed:#?}");
-    assert!(shivers.accepted > 500 && shivers.accepted < 1_900, "{}", shivers.accepted);
+    let shivers = shivers(2_000, 12, 1).unwrap();
+    let table = compute(&shivers);
+    assert!(table.rows.len() == 12 && table.pass(), "{:#?}", table.objects());
+    let accepted = shivers.facts()["accepted"].as_u64().unwrap();
+    assert!(accepted > 500 && accepted < 1_900, "{accepted}");
 }

@@ -6,7 +6,7 @@
 //!
 //! | word | holds |
 //! |---|---|
-//! | 0 | nothing: the map of earlier releases takes such a sector for blank (`store::earlier`) |
+//! | 0 | nothing: a sector where something stands here holds no copy |
 //! | 1 | the mark *complete*: zero once the copy has been written and read back |
 //! | 2 | the mark *swept*: zero once all other sectors have been erased and read back; where no copy is, this sector |
 //! | 3 | head, 16 bytes: format, counter, length, whether it owes a sweep, CRC-32 |
@@ -25,8 +25,6 @@
 //!   reads blank but is not marked as erased.
 //! - Everything that is written or erased is read back: flash that does not take it is an error.
 
-mod earlier;
-
 use core::cell::RefCell;
 use core::ops::Range;
 
@@ -36,8 +34,7 @@ use heapless::Vec;
 use crate::hardware::SettingsStore;
 use crate::stored::CRC;
 
-/// Key of an entry; settings have the first, provisioning the second. 254 and 255 are not for callers: earlier
-/// releases had entries of their own there.
+/// Key of an entry; settings have the first, provisioning the second.
 pub type Key = u8;
 
 /// Longest entry, with its key, bytes.
@@ -127,16 +124,17 @@ enum Content {
     Other,
 }
 
-/// What the flash holds, and where a new copy may go.
+/// What the flash holds.
 struct Mounted {
     newest: Option<Copy>,
     entries: Entries,
-    /// Whether superseded bytes may be in flash.
-    has_superseded: bool,
-    /// A word of zeros, on which everything rests: programmed again before anything is erased.
-    mark: Option<u32>,
-    /// The first sector for a new copy, and how many from there on may be tried.
-    targets: (u32, u32),
+}
+
+impl Mounted {
+    /// Returns whether superseded bytes may be in flash. Without a copy, flash holds unknown bytes.
+    fn has_superseded(&self) -> bool {
+        self.newest.is_none_or(Copy::has_superseded)
+    }
 }
 
 /// A region of flash that keeps a few short entries.
@@ -191,8 +189,7 @@ impl<F: NorFlash> FlashStore<F> {
     /// When the flash fails, does not keep it, or the entry does not fit; what was kept before is kept still.
     pub fn save(&mut self, key: Key, bytes: &[u8]) -> Result<(), StoreError> {
         let mounted = self.mount()?;
-        let has_superseded = mounted.has_superseded;
-        self.replace(&mounted, Some((key, bytes)), has_superseded)
+        self.replace(&mounted, (key, bytes), mounted.has_superseded())
     }
 
     /// Replaces an entry, and erases from flash what it replaces: [`FlashStore::save`] alone leaves the
@@ -204,26 +201,20 @@ impl<F: NorFlash> FlashStore<F> {
     /// kept; old bytes may then still be in flash.
     pub fn save_and_sweep(&mut self, key: Key, bytes: &[u8]) -> Result<(), StoreError> {
         let mounted = self.mount()?;
-        self.replace(&mounted, Some((key, bytes)), true)?;
+        self.replace(&mounted, (key, bytes), true)?;
         self.sweep()
     }
 
     /// Erases all superseded bytes from flash, unless this is done already: every sector but that of the newest copy; and
-    /// what is left of copies that were not completed. Brings a store of earlier releases into today's form first. Power may
-    /// go at any moment. Takes up to 2.4 s for six sectors.
+    /// what is left of copies that were not completed. Power may go at any moment. Takes up to 2.4 s for six sectors.
     ///
     /// # Errors
     /// When the flash fails, or a sector still holds something afterwards; what is kept is kept still.
     pub fn sweep(&mut self) -> Result<(), StoreError> {
-        let mut mounted = self.mount()?;
-        if mounted.newest.is_none() && !mounted.entries.is_empty() {
-            self.replace(&mounted, None, true)?;
-            mounted = self.mount()?;
-        }
-        let Some(newest) = mounted.newest.filter(|newest| newest.has_superseded()) else {
+        let Some(newest) = self.newest()?.filter(|newest| newest.has_superseded()) else {
             return self.clear_remains();
         };
-        self.strengthen(&mounted);
+        self.strengthen(newest);
         for sector in (0..self.sectors()?).filter(|sector| *sector != newest.sector) {
             self.clear(sector)?;
         }
@@ -295,26 +286,9 @@ impl<F: NorFlash> FlashStore<F> {
 
     /// Looks at the flash as after a start: nothing is remembered between two calls.
     fn mount(&mut self) -> Result<Mounted, StoreError> {
-        let sectors = self.sectors()?;
-        if let Some(newest) = self.newest()? {
-            return Ok(Mounted {
-                newest: Some(newest),
-                entries: self.entries(newest)?,
-                has_superseded: newest.has_superseded(),
-                mark: Some(self.sector_at(newest.sector) + Self::COMPLETE_AT),
-                targets: (newest.sector + 1, sectors - 1),
-            });
-        }
-        let earlier = self.earlier()?;
-        let targets = if earlier.entries.is_empty() { (0, sectors) } else { (earlier.free, 1) };
-        Ok(Mounted {
-            newest: None,
-            entries: earlier.entries,
-            // Of whatever is there nobody knows what it is.
-            has_superseded: true,
-            mark: earlier.mark,
-            targets,
-        })
+        let newest = self.newest()?;
+        let entries = newest.map_or(Ok(Entries::new()), |newest| self.entries(newest))?;
+        Ok(Mounted { newest, entries })
     }
 
     /// Finds the newest complete copy.
@@ -418,17 +392,20 @@ impl<F: NorFlash> FlashStore<F> {
     fn replace(
         &mut self,
         mounted: &Mounted,
-        entry: Option<(Key, &[u8])>,
+        (key, bytes): (Key, &[u8]),
         owes_sweep: bool,
     ) -> Result<(), StoreError> {
-        let new = entry.map_or(0, |(_, bytes)| size_of::<Key>() + bytes.len());
-        if new > LONGEST {
+        if size_of::<Key>() + bytes.len() > LONGEST {
             return Err(StoreError::TooLong);
         }
-        self.strengthen(mounted);
         let sectors = self.sectors()?;
-        let (first, tries) = mounted.targets;
-        let counter = mounted.newest.map_or(0, |newest| newest.counter);
+        let (counter, first, tries) = match mounted.newest {
+            Some(newest) => {
+                self.strengthen(newest);
+                (newest.counter, newest.sector + 1, sectors - 1)
+            }
+            None => (0, 0, sectors),
+        };
         let mut outcome = Err(StoreError::Full);
         for step in 0..tries {
             let sector = (first + step) % sectors;
@@ -436,8 +413,8 @@ impl<F: NorFlash> FlashStore<F> {
             outcome = self.write_copy(
                 sector,
                 counter.saturating_add(step + 1),
-                mounted,
-                entry,
+                &mounted.entries,
+                (key, bytes),
                 owes_sweep,
             );
             if matches!(outcome, Ok(()) | Err(StoreError::Full)) {
@@ -451,15 +428,13 @@ impl<F: NorFlash> FlashStore<F> {
         &mut self,
         sector: u32,
         counter: u32,
-        mounted: &Mounted,
-        entry: Option<(Key, &[u8])>,
+        entries: &Entries,
+        (key, bytes): (Key, &[u8]),
         owes_sweep: bool,
     ) -> Result<(), StoreError> {
-        let kept =
-            || mounted.entries.iter().filter(|kept| entry.is_none_or(|(key, _)| key != kept.key));
+        let kept = || entries.iter().filter(|kept| kept.key != key);
         let size = |length: usize| Self::WORD as u32 + Self::padded(length);
-        let length = kept().map(|kept| size(kept.length)).sum::<u32>()
-            + entry.map_or(0, |(_, bytes)| size(bytes.len()));
+        let length = kept().map(|kept| size(kept.length)).sum::<u32>() + size(bytes.len());
         if length > Self::ROOM || kept().count() == MOST_ENTRIES {
             return Err(StoreError::Full);
         }
@@ -469,9 +444,7 @@ impl<F: NorFlash> FlashStore<F> {
         for kept in kept() {
             at = self.write_entry(at, kept.key, Source::Flash(kept.at, kept.length))?;
         }
-        if let Some((key, bytes)) = entry {
-            self.write_entry(at, key, Source::Memory(bytes))?;
-        }
+        self.write_entry(at, key, Source::Memory(bytes))?;
         let words =
             [FORMAT, counter.to_le_bytes(), (length << 1 | u32::from(owes_sweep)).to_le_bytes()];
         let [format, counter_bytes, length_bytes] = words;
@@ -533,12 +506,10 @@ impl<F: NorFlash> FlashStore<F> {
         }
     }
 
-    /// Programs the mark again on which everything rests: power may have gone while it was written the first time.
+    /// Programs the mark *complete* of a copy again: power may have gone while it was written the first time.
     /// A sector that takes nothing any more keeps its mark as it is.
-    fn strengthen(&mut self, mounted: &Mounted) {
-        if let Some(mark) = mounted.mark {
-            let _ = self.set_mark(mark);
-        }
+    fn strengthen(&mut self, newest: Copy) {
+        let _ = self.set_mark(self.sector_at(newest.sector) + Self::COMPLETE_AT);
     }
 
     fn set_mark(&mut self, at: u32) -> Result<(), StoreError> {

@@ -1,13 +1,11 @@
 //! `cargo xtask pil`, processor in the loop: the instructions of each tick and its bits. It runs the fast half on an emulated
 //! processor, RV32IMAC or Xtensa, against a trace from the simulator.
 //!
-//! Xtensa is emulated twice: by QEMU, whose cores are not the ESP32's, and by our own core (`sim-hil/chip/lx6`), which counts an
-//! LX6's cycles. `--beside` lets both execute the same image and compares all registers after each instruction of the fast loop.
+//! QEMU's Xtensa cores with register windows are not the ESP32's: their counts of instructions are theirs.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use object::{Object, ObjectSymbol, SymbolKind};
 use serde::Serialize;
 
 use crate::chip::Chip;
@@ -27,25 +25,6 @@ const FLOODS: [f64; 2] = [1_000.0, 10_000.0];
 
 /// QEMU's core where none is named.
 const FIRST_CORE: &str = "dc233c";
-/// Our own core, and the program that it is.
-const OWN: &str = "lx6";
-const OWN_PROGRAM: &str = "flix-lx6";
-/// Physical registers of QEMU's cores with windows.
-const REGISTERS: &str = "32";
-/// What the image makes an instruction of, with QEMU's options below.
-const COUNTS_PER: &str = "10.24";
-
-/// What the names of the fast loop's functions hold: their modules, as rustc writes them alone and within others, and the replay's
-/// tick.
-const FAST_LOOP: [&str; 3] = ["flix_firmware4fast", "flix_firmware..fast", "3pil4tick"];
-/// Functions that read the time, which differs: what they read is taken over from the log. They are the replay with what it is
-/// called by, and what times a datagram.
-const REPLAY: &str = "main";
-/// See [`REPLAY`].
-const TIMED: &str = "3pil9datagrams";
-/// What they hold where settings become a configuration: floating point, before the first tick.
-const BEFORE_THE_LOOP: [&str; 2] = ["configuration", "margin"];
-
 /// The simulator's example that records the trace.
 const RECORDER: &str = "record-trace";
 
@@ -55,14 +34,9 @@ pub(crate) struct Args {
     /// The chip: the ESP32-C6's processor, or, built by the stock compiler as an experiment, an Xtensa core near the ESP32's.
     #[arg(long, default_value = "esp32c6")]
     chip: Chip,
-    /// The core that stands in for the ESP32's: one of QEMU's, dc233c where none is named, or our own, which counts the cycles
-    /// of an LX6.
-    #[arg(long, value_parser = [FIRST_CORE, "de233_fpu", OWN])]
+    /// QEMU's core that stands in for the ESP32's, dc233c where none is named.
+    #[arg(long, value_parser = [FIRST_CORE, "de233_fpu"])]
     core: Option<String>,
-    /// Execute the image on QEMU's core and on our own until both have done so many instructions of the fast loop, and compare all
-    /// registers after each of these.
-    #[arg(long, value_name = "INSTRUCTIONS", conflicts_with = "json", value_parser = clap::value_parser!(u64).range(1..))]
-    beside: Option<u64>,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
@@ -72,20 +46,10 @@ pub(crate) struct Args {
 struct Processor {
     chip: Chip,
     title: String,
-    program: PathBuf,
+    program: &'static str,
     arguments: Vec<String>,
-    /// For what core the image is built.
-    core: Core,
-    counted: Counted,
     /// Whether its instructions are those of the chip, so that the ceilings hold for them.
     is_the_chips: bool,
-}
-
-/// What is counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Counted {
-    Instructions,
-    Cycles,
 }
 
 impl Processor {
@@ -101,33 +65,20 @@ impl Processor {
             Chip::Esp32c6 => Ok(Self {
                 chip: args.chip,
                 title: "RV32IMAC".into(),
-                program: "qemu-system-riscv32".into(),
+                program: "qemu-system-riscv32",
                 arguments: words(
                     "-M virt -bios none -nographic -icount shift=0 -semihosting-config enable=on,target=native -kernel",
                 ),
-                core: Core::Emulated,
-                counted: Counted::Instructions,
                 is_the_chips: true,
-            }),
-            Chip::Esp32 if core == OWN => Ok(Self {
-                chip: args.chip,
-                title: "Xtensa LX6, our own core".into(),
-                program: own_core(),
-                arguments: words(&format!("--counts-per {COUNTS_PER}")),
-                core: Core::Lx6,
-                counted: Counted::Cycles,
-                is_the_chips: false,
             }),
             // The image counts on the shift. Longer than an instruction takes, so that the clock runs in whole counts.
             Chip::Esp32 => Ok(Self {
                 chip: args.chip,
                 title: format!("Xtensa, QEMU's {core}"),
-                program: "qemu-system-xtensa".into(),
+                program: "qemu-system-xtensa",
                 arguments: words(&format!(
                     "-M sim -m 64 -cpu {core} -display none -serial none -monitor none -semihosting -icount shift=10,sleep=off -kernel"
                 )),
-                core: Core::Emulated,
-                counted: Counted::Instructions,
                 is_the_chips: false,
             }),
             Chip::Esp32s3 => Err(Error::Sentence(
@@ -139,7 +90,7 @@ impl Processor {
     /// Builds the image; returns its path.
     fn image(&self) -> Result<PathBuf, Error> {
         if self.chip == Chip::Esp32 {
-            return stock::binary(self.chip, self.core, "pil", "pil");
+            return stock::binary(self.chip, Core::Emulated, "pil", "pil");
         }
         let arguments = ["--package", "flix-firmware", "--bin", "pil", "--features", "pil"];
         run::run(toolchain::riscv("build")?.args(arguments))?;
@@ -148,65 +99,10 @@ impl Processor {
 
     /// Runs an image in this folder; returns what it printed.
     fn run(&self, image: &Path, folder: &Path) -> Result<String, Error> {
-        let mut emulator = Command::new(&self.program);
+        let mut emulator = Command::new(self.program);
         emulator.args(&self.arguments).arg(image);
         run::output(emulator.current_dir(folder).stdin(Stdio::null()))
     }
-
-    /// Runs an image in this folder on it and on our own core; returns what was found alike.
-    fn run_beside(&self, image: &Path, folder: &Path, instructions: u64) -> Result<String, Error> {
-        let missing = |program: &Path| {
-            let program = program.display().to_string();
-            move |source| Error::Missing { program, source }
-        };
-        let mut emulator = Command::new(&self.program);
-        let within = fast_loop(&run::read(image)?)?;
-        // A log of all registers before each of these instructions, on the standard error.
-        let mut emulator = emulator
-            .args(["-singlestep", "-d", "cpu,nochain", "-dfilter", &within])
-            .args(&self.arguments)
-            .arg(image)
-            .current_dir(folder)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(missing(&self.program))?;
-        let log = emulator.stderr.take().map_or_else(Stdio::null, Stdio::from);
-        let mut own = Command::new(own_core());
-        own.arg(image).args(["--registers", REGISTERS, "--beside", &instructions.to_string()]);
-        own.args(["--within", &within]);
-        let compared = run::output(own.current_dir(folder).stdin(log));
-        // It has said enough, or ends by itself.
-        let _ = emulator.kill();
-        let _ = emulator.wait();
-        compared
-    }
-}
-
-/// Returns where the fast loop's functions are among these (name, address, size), as both emulators take it:
-/// 0x1000..0x1fff,0x3000..0x3fff; nothing where there are none.
-fn ranges<'a>(functions: impl Iterator<Item = (&'a str, u64, u64)>) -> Option<String> {
-    let is_fast = |(name, _, size): &(&str, u64, u64)| {
-        let holds = |words: &[&str]| words.iter().any(|word| name.contains(word));
-        let is_clocked = *name == REPLAY || name.contains(TIMED);
-        *size > 0 && (holds(&FAST_LOOP) && !holds(&BEFORE_THE_LOOP) || is_clocked)
-    };
-    let range = |(_, at, size)| format!("{at:#x}..{:#x}", at + size - 1);
-    let ranges: Vec<String> = functions.filter(is_fast).map(range).collect();
-    (!ranges.is_empty()).then(|| ranges.join(","))
-}
-
-/// Returns the same of an image.
-fn fast_loop(elf: &[u8]) -> Result<String, Error> {
-    let file = run::elf(elf)?;
-    let functions = file.symbols().filter(|symbol| symbol.kind() == SymbolKind::Text);
-    ranges(functions.filter_map(|it| Some((it.name().ok()?, it.address(), it.size()))))
-        .ok_or_else(|| Error::Sentence("the image has no function of the fast loop".into()))
-}
-
-fn own_core() -> PathBuf {
-    run::target_directory().join("debug").join(OWN_PROGRAM)
 }
 
 /// What the image counted of one candidate, instructions a tick.
@@ -259,12 +155,7 @@ struct Replay {
     ticks: u32,
     /// Ticks that decided otherwise than on this computer.
     differences: u32,
-    /// Instructions, where they are counted.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    instructions: Option<Ticks>,
-    /// Cycles, where they are.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cycles: Option<Ticks>,
+    instructions: Ticks,
     datagrams: Vec<Datagram>,
     #[serde(skip)]
     is_the_chips: bool,
@@ -276,20 +167,18 @@ impl Replay {
         let differences =
             output.lines().find_map(|line| line.strip_prefix("differences ")?.trim().parse().ok());
         let [all, running, foc] = ["tick", "running", "foc"].map(|name| counts(output, name));
-        let Processor { chip, title, counted, is_the_chips, .. } = processor;
+        let Processor { chip, title, is_the_chips, .. } = processor;
         match (differences, all, running, foc) {
             // The peer is called once a tick: another number is that of memory that was overwritten.
             (Some(differences), Some(all), Some(running), Some(foc))
                 if all.ticks > 0 && foc.ticks == all.ticks =>
             {
-                let ticks = Ticks { all, running, foc };
                 Ok(Self {
                     chip: chip.name(),
                     processor: title.clone(),
                     ticks: all.ticks,
                     differences,
-                    instructions: (*counted == Counted::Instructions).then_some(ticks),
-                    cycles: (*counted == Counted::Cycles).then_some(ticks),
+                    instructions: Ticks { all, running, foc },
                     datagrams: datagrams(output),
                     is_the_chips: *is_the_chips,
                 })
@@ -300,18 +189,11 @@ impl Replay {
         }
     }
 
-    /// Returns what is counted, by name.
-    fn counted(&self) -> Option<(&'static str, &Ticks)> {
-        let instructions = self.instructions.iter().map(|ticks| ("instructions", ticks));
-        instructions.chain(self.cycles.iter().map(|ticks| ("cycles", ticks))).next()
-    }
-
     /// Prints the tables.
     fn print(&self) {
-        let Self { processor, .. } = self;
-        let Some((what, Ticks { all, running, foc })) = self.counted() else { return };
+        let Self { processor, instructions: Ticks { all, running, foc }, .. } = self;
         println!(
-            "| {processor}, {what} per tick, both motors | median | 99 % | worst | ceilings |"
+            "| {processor}, instructions per tick, both motors | median | 99 % | worst | ceilings |"
         );
         println!("|---|---:|---:|---:|---|");
         let row = |what: &str, counts: &Counts, ceilings: &str| {
@@ -357,9 +239,8 @@ impl Replay {
         }
         let is_slow =
             |counts: &Counts| counts.median > MEDIAN_CEILING || counts.worst > WORST_CEILING;
-        let mut counted =
-            self.counted().into_iter().flat_map(|(_, ticks)| [&ticks.all, &ticks.running]);
-        if self.is_the_chips && counted.any(is_slow) {
+        let Ticks { all, running, .. } = &self.instructions;
+        if self.is_the_chips && [all, running].into_iter().any(is_slow) {
             return Err(Error::Sentence(
                 "the tick takes more instructions than its ceilings".into(),
             ));
@@ -371,21 +252,8 @@ impl Replay {
 /// Builds what is missing, records, replays, compares, counts.
 pub(crate) fn run(args: &Args) -> Result<(), Error> {
     let processor = Processor::of(args)?;
-    if args.beside.is_some() && (args.chip != Chip::Esp32 || processor.program == own_core()) {
-        return Err(Error::Sentence(
-            "--beside compares one of QEMU's Xtensa cores with our own: --chip esp32".into(),
-        ));
-    }
-    if args.beside.is_some() || processor.program == own_core() {
-        // As the tests build it, so that it need not be built twice.
-        run::run(
-            toolchain::cargo()
-                .args(["build", "--quiet", "--workspace", "--profile", "test"])
-                .args(["--bin", OWN_PROGRAM]),
-        )?;
-    }
-    if !run::succeeds(run::command(&processor.program).arg("--version")) {
-        let program = processor.program.display();
+    if !run::succeeds(run::command(processor.program).arg("--version")) {
+        let program = processor.program;
         let sentence = format!("{program} is not installed: run `cargo xtask setup`");
         if args.json || std::env::var_os("CI").is_some() {
             return Err(Error::Sentence(sentence));
@@ -398,10 +266,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Error> {
     run::write(&trace, [])?;
     record(&trace)?;
     let image = processor.image()?;
-    if let Some(instructions) = args.beside {
-        print!("{}", processor.run_beside(&image, &directory, instructions)?);
-        return Ok(());
-    }
     let output = processor.run(&image, &directory)?;
     let replay = Replay::read(&processor, &output)?;
     if args.json {
@@ -439,7 +303,7 @@ mod tests {
         foc median 2400 p99 2500 worst 2600 ticks 60000\n";
 
     fn processor_with(chip: Chip, core: Option<&str>) -> Result<Processor, Error> {
-        Processor::of(&Args { chip, core: core.map(str::to_owned), beside: None, json: false })
+        Processor::of(&Args { chip, core: core.map(str::to_owned), json: false })
     }
 
     fn processor(chip: Chip) -> Processor {
@@ -457,29 +321,6 @@ mod tests {
     #[test]
     fn a_good_run_passes() {
         assert!(report(GOOD).is_ok());
-    }
-
-    #[test]
-    fn instructions_are_compared_of_the_fast_loop_alone() {
-        let functions = [
-            ("_ZN13flix_firmware4fast7control7Control5align17h0E", 0x1000, 0x20),
-            (
-                "_ZN69_$LT$flix_firmware..fast..foc..Foc$u20$as$u20$core..fmt..Debug$GT$3fmt17h0E",
-                0x2000,
-                1,
-            ),
-            ("_ZN3pil4tick17h0E", 0x3000, 4),
-            ("main", 0x4000, 0x10),
-            ("_ZN3pil9datagrams7Counter7receive17h0E", 0x8000, 2),
-            ("_ZN3pil7machine4exit17h0E", 0x4000, 4),
-            ("main_of_another", 0x9000, 4),
-            ("_ZN13flix_firmware4fast3foc17h0E", 0x5000, 0),
-            ("_ZN13flix_firmware4fast13configuration9regulator17h0E", 0x7000, 4),
-            ("__mulsf3", 0x6000, 4),
-        ];
-        let expected = "0x1000..0x101f,0x2000..0x2000,0x3000..0x3003,0x4000..0x400f,0x8000..0x8001";
-        assert_eq!(ranges(functions.into_iter()).as_deref(), Some(expected));
-        assert_eq!(ranges(functions[5..].iter().copied()), None);
     }
 
     #[test]
@@ -518,18 +359,10 @@ mod tests {
     }
 
     #[test]
-    fn our_own_core_counts_cycles_and_is_built_for_as_the_chip_is() {
-        let processor = processor_with(Chip::Esp32, Some(OWN)).unwrap();
-        assert_eq!(processor.core, Core::Lx6);
-        let json = serde_json::json!(Replay::read(&processor, GOOD).unwrap());
-        assert_eq!(json["cycles"]["running"]["median"], 1600);
-        assert_eq!((json.get("instructions"), &json["differences"]), (None, &0.into()));
-    }
-
-    #[test]
     fn a_core_of_another_chip_is_refused() {
         for chip in [Chip::Esp32c6, Chip::Esp32s3] {
-            let refused = processor_with(chip, Some(OWN)).err().map(|error| error.to_string());
+            let refused =
+                processor_with(chip, Some(FIRST_CORE)).err().map(|error| error.to_string());
             assert!(refused.is_some_and(|sentence| sentence.contains("--chip esp32")), "{chip:?}");
         }
     }

@@ -23,6 +23,7 @@ pub mod learn;
 pub mod leg;
 mod live;
 pub mod man;
+pub mod measure;
 pub(crate) mod output;
 pub mod rest;
 pub mod serve;

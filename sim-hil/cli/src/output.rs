@@ -9,6 +9,7 @@ use super::error::Error;
 pub(crate) use flix_shell::output::{
     headings, optional_path_as_text, path_as_text, print, print_json, table,
 };
+use flix_sim::study::Table;
 pub(crate) use flix_study::progress;
 
 /// Prints a sentence on standard error. When nobody can read it there, it is lost.
@@ -68,6 +69,18 @@ pub(crate) use row;
 /// Returns the last cell of a row of figures: a mark when they are outside their limits.
 pub(crate) const fn mark(passes: bool) -> &'static str {
     if passes { "" } else { "<-- outside" }
+}
+
+/// Returns the rows that are outside their limits and the cells that failed, a line each.
+pub(crate) fn outside(table: &Table) -> String {
+    let mut text = String::new();
+    for (row, object) in table.rows.values().zip(table.objects()) {
+        if !table.keeps(row) {
+            let words = object.iter().map(|(name, value)| format!("{name} {value}"));
+            text += &format!("outside: {}\n", words.collect::<Vec<_>>().join(", "));
+        }
+    }
+    text
 }
 
 /// Returns the name of a variant in words: `EarlierSession` is `earlier session`.

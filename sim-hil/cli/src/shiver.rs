@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use flix_shell::number::whole;
 
 use super::error::Error;
-use super::output::{headings, print_verdict, progress, row, table};
-use flix_sim::reliability::shiver::{HEAT_LIMIT_W, Judged, Shivers, Verdict, measure};
+use super::measure::{MeasureArgs, measure};
+use flix_sim::reliability::shiver::shivers;
 
 /// Draw settings, judge them by the robot's stability margin, and run those nearest its border
 ///
@@ -27,9 +27,8 @@ pub struct Args {
     /// Seed of the first set; the others follow
     #[arg(long, value_name = "SEED", default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     first_seed: u64,
-    /// Print JSON only
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    measure: MeasureArgs,
 }
 
 /// Runs the command.
@@ -37,41 +36,6 @@ pub struct Args {
 /// # Errors
 /// When a robot cannot be built.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let bar = progress(args.nearest.min(args.sets) as u64, "resting");
-    let measured = measure(args.sets, args.nearest, args.first_seed, || bar.inc(1));
-    bar.finish_and_clear();
-    print_verdict(measured, |it| it.pass, args.json, text)
-}
-
-fn text(all: &Shivers) -> String {
-    let count = |of: fn(&Verdict) -> bool| all.run.iter().filter(|it| of(&it.verdict)).count();
-    let mut rows = vec![headings("margin|position (Hz)|tracker (Hz)|latency (us)|verdict")];
-    rows.extend(all.run.iter().filter(|it| !matches!(it.verdict, Verdict::Refused(_))).map(line));
-    format!(
-        "{}\n{} of {} sets are armed with. Of the {} nearest the border {} are refused, {} rest, {} end in a fault; \
-         limit {HEAT_LIMIT_W} W{}\n",
-        table(&rows),
-        all.accepted,
-        all.drawn,
-        all.run.len(),
-        count(|it| matches!(it, Verdict::Refused(_))),
-        count(|it| matches!(it, Verdict::Rested(_))),
-        count(|it| matches!(it, Verdict::Faulted(_))),
-        if all.pass { "" } else { ": NOT HELD" },
-    )
-}
-
-fn line(judged: &Judged) -> Vec<String> {
-    let value = |name: &str| judged.set.get(name).map_or_else(String::new, |it| format!("{it:.1}"));
-    let verdict = match &judged.verdict {
-        Verdict::Rested(heat) => format!("{heat:.3} W"),
-        Verdict::Refused(said) | Verdict::Faulted(said) => said.clone(),
-    };
-    row![
-        format!("{:.3}", judged.margin),
-        value("position_bandwidth"),
-        value("tracker_bandwidth"),
-        value("encoder_latency"),
-        verdict,
-    ]
+    let study = shivers(args.sets, args.nearest, args.first_seed)?;
+    measure("shiver", &[&study], &args.measure)
 }

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use super::arguments::{Vector, parse_leg};
 use super::error::Error;
-use super::output::{mark, print_figures, row, table};
-use flix_sim::experiment::validation::{Options, Report, validate};
+use super::measure::{MeasureArgs, measure};
+use flix_sim::experiment::validation::{Options, validation};
 
 /// Compute every figure of the reference table, or others, and check whether they agree
 #[derive(Debug, clap::Args)]
@@ -32,9 +32,8 @@ pub struct Args {
     /// Torque on its tip, N m
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
     torque: Vector,
-    /// Print JSON only
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    measure: MeasureArgs,
 }
 
 fn parse_frequency(text: &str) -> Result<f64, String> {
@@ -61,28 +60,5 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if !args.frequency.is_empty() {
         options.frequencies_hz.clone_from(&args.frequency);
     }
-    let report = validate(&model, &options)?;
-    print_figures(&report, report.pass, args.json, || text(&report))
-}
-
-fn text(report: &Report) -> String {
-    let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.4e}"));
-    let mut rows = vec![row!["", "here", "reference", "within"]];
-    rows.extend(report.rows.iter().map(|it| {
-        let (value, reference) = (number(Some(it.value)), number(it.reference));
-        row![it.name, value, reference, number(it.tolerance), it.unit, mark(it.pass)]
-    }));
-    let compared = report.rows.iter().filter(|row| row.reference.is_some()).count();
-    let outside: Vec<&str> =
-        report.rows.iter().filter(|row| !row.pass).map(|row| row.name.as_ref()).collect();
-    let verdict = match (compared, outside.as_slice()) {
-        (0, []) => "No figure has a reference for this model: nothing was compared.".to_owned(),
-        (_, []) => format!("All {compared} figures with a reference agree with it."),
-        (_, names) => format!(
-            "{} of {compared} figures with a reference are outside: {}.",
-            names.len(),
-            names.join(", ")
-        ),
-    };
-    format!("Model {}\n\n{}\n{verdict}\n", report.model, table(&rows))
+    measure("validate", &[&validation(&model, options)?], &args.measure)
 }

@@ -4,12 +4,13 @@
 //! the paper alone; `validation/validate.py` computes the same rows with MuJoCo from the exported model, for
 //! this or any other model, load, frequency and leg.
 
-use serde::Serialize;
+use serde_json::json;
 
 use crate::experiment::probe::{Clamp, ProbeError, ShakeBase, eigenmodes, shake};
 use crate::model::{Base, FootAxis, GRAVITY, LEGS, RobotModel};
 use crate::plant::{Diverged, Drive, Mechanics, Plant, Wrench};
 use crate::rig::bench::setpoint;
+use crate::study::{Column, Measurement, Row, Study};
 
 /// What to compute.
 #[derive(Clone, Debug)]
@@ -42,51 +43,88 @@ impl Default for Options {
     }
 }
 
-/// One quantity.
-#[derive(Clone, Debug, Serialize)]
-pub struct Row {
-    /// What it is.
-    pub name: String,
-    /// Its unit.
-    pub unit: &'static str,
-    /// Computed here.
-    pub value: f64,
-    /// To agree with, if the table has it for this model and these options.
-    pub reference: Option<f64>,
-    /// How far it may be off, in the same unit.
-    pub tolerance: Option<f64>,
-    /// Is it?
-    pub pass: bool,
+/// What is computed together, and how many quantities that gives.
+#[derive(Clone, Copy, Debug)]
+enum Probe {
+    Shaker(f64),
+    Floating(f64),
+    Standing,
+    Leg,
+    FirstMode,
+    FirstModeAlong,
+    Rest,
+    Mirror,
+    Stick,
 }
 
-/// All quantities of a model.
-#[derive(Clone, Debug, Serialize)]
-pub struct Report {
-    /// Name of the model.
-    pub model: String,
-    /// The quantities.
-    pub rows: Vec<Row>,
-    /// Do all agree?
-    pub pass: bool,
+impl Probe {
+    const fn quantities(self) -> usize {
+        match self {
+            Self::Shaker(_) | Self::Standing => 5,
+            Self::Floating(_) => 4,
+            Self::Leg | Self::Mirror => 3,
+            Self::FirstMode | Self::FirstModeAlong | Self::Rest => 2,
+            Self::Stick => 1,
+        }
+    }
 }
 
-/// Computes every row.
+/// Returns all quantities of a model.
 ///
 /// # Errors
-/// If the model is refused, has no legs, or the motion diverges.
-pub fn validate(model: &RobotModel, options: &Options) -> Result<Report, ProbeError> {
-    let mut rows = Rows { rows: Vec::new(), known: model.name == "A" };
-    for &f in &options.frequencies_hz {
-        shaker(&mut rows, model, f, options)?;
-        floating(&mut rows, model, f, options)?;
+/// If the model has no legs.
+pub fn validation(model: &RobotModel, options: Options) -> Result<impl Study + use<>, ProbeError> {
+    if model.legs.is_none() {
+        return Err(ProbeError::NoLegs { name: model.name.clone() });
     }
-    standing(&mut rows, model)?;
-    leg(&mut rows, model, options)?;
-    rest(&mut rows, model, options.step)?;
-    mirror(&mut rows, model, options.step)?;
-    stick(&mut rows, model, options.step)?;
-    let pass = rows.rows.iter().all(|r| r.pass);
-    Ok(Report { model: model.name.clone(), rows: rows.rows, pass })
+    let shaken =
+        options.frequencies_hz.iter().flat_map(|f| [Probe::Shaker(*f), Probe::Floating(*f)]);
+    let mirror = is_symmetric(model).then_some(Probe::Mirror);
+    let standing =
+        [Probe::Standing, Probe::Leg, Probe::FirstMode, Probe::FirstModeAlong, Probe::Rest];
+    let probes: Vec<Probe> = shaken.chain(standing).chain(mirror).chain([Probe::Stick]).collect();
+    let (robot, facts) = (model.clone(), json!({ "model": model.name }));
+    let study = Measurement::new(
+        "validate",
+        json!({ "model": model, "options": format!("{options:?}") }),
+        vec![
+            Column::text("probe"),
+            Column::text("name"),
+            Column::text("unit"),
+            Column::number("value"),
+            // To agree with, if the table has it for this model and these options, and how far the value may be off.
+            Column::number("reference"),
+            Column::number("tolerance"),
+            Column::promise("pass"),
+        ],
+        |probe, _| vec![format!("{probe:?}").into()],
+        move |probe| rows(*probe, &robot, &options),
+    );
+    let add = |study: Measurement<Probe>, probe: Probe| study.runs([probe], probe.quantities());
+    Ok(probes.into_iter().fold(study, add).listed("rows", &[]).with_facts(facts))
+}
+
+/// Computes the quantities of a probe.
+fn rows(probe: Probe, model: &RobotModel, options: &Options) -> Result<Vec<Row>, ProbeError> {
+    let mut rows = Rows { rows: Vec::new(), known: model.name == "A" };
+    match probe {
+        Probe::Shaker(f) => shaker(&mut rows, model, f, options),
+        Probe::Floating(f) => floating(&mut rows, model, f, options),
+        Probe::Standing => standing(&mut rows, model),
+        Probe::Leg => leg(&mut rows, model, options),
+        Probe::FirstMode => eigenmode(&mut rows, model, options.leg, "with its foot", None),
+        Probe::FirstModeAlong => {
+            let mut rig = model.clone();
+            if let Some(legs) = &mut rig.legs {
+                legs.foot.axis = FootAxis::Along;
+            }
+            eigenmode(&mut rows, &rig, options.leg, "with its foot along x", Some((43.0, 0.305)))
+        }
+        Probe::Rest => rest(&mut rows, model, options.step),
+        Probe::Mirror => mirror(&mut rows, model, options.step),
+        Probe::Stick => stick(&mut rows, model, options.step),
+    }?;
+    Ok(rows.rows)
 }
 
 struct Rows {
@@ -106,14 +144,15 @@ impl Rows {
     fn add(&mut self, name: &str, unit: &'static str, value: f64, agree: Option<(f64, f64)>) {
         let pass =
             agree.is_none_or(|(reference, tolerance)| (value - reference).abs() <= tolerance);
-        self.rows.push(Row {
-            name: name.to_owned(),
-            unit,
-            value,
-            reference: agree.map(|a| a.0),
-            tolerance: agree.map(|a| a.1),
-            pass,
-        });
+        let (reference, tolerance) = (agree.map(|it| it.0), agree.map(|it| it.1));
+        self.rows.push(vec![
+            name.into(),
+            unit.into(),
+            value.into(),
+            reference.into(),
+            tolerance.into(),
+            pass.into(),
+        ]);
     }
 }
 
@@ -224,12 +263,7 @@ fn leg(rows: &mut Rows, model: &RobotModel, options: &Options) -> Result<(), Pro
         let agree = reference.filter(|_| usual).map(|r: f64| (r, 0.01 * r));
         rows.table(&name, "mm", 1e3 * (to[i] - from[i]), agree);
     }
-    eigenmode(rows, model, index, "with its foot", None)?;
-    let mut rig = model.clone();
-    if let Some(legs) = &mut rig.legs {
-        legs.foot.axis = FootAxis::Along;
-    }
-    eigenmode(rows, &rig, index, "with its foot along x", Some((43.0, 0.305)))
+    Ok(())
 }
 
 /// Adds the slowest eigenmode of a clamped leg. The table's is that of a leg alone whose foot lies along its first
@@ -269,9 +303,6 @@ fn rest(rows: &mut Rows, model: &RobotModel, step: f64) -> Result<(), ProbeError
 
 /// A symmetric robot under (f, theta) walks the mirror image of (-f, -theta).
 fn mirror(rows: &mut Rows, model: &RobotModel, step: f64) -> Result<(), ProbeError> {
-    if !is_symmetric(model) {
-        return Ok(());
-    }
     let walk = |f: f64, theta: f64, mirrored: bool| -> Result<[f64; 3], ProbeError> {
         let mut plant = Plant::new(model)?;
         plant.disturb(1, mirrored);

@@ -6,12 +6,12 @@
 use flix_host::link::RobotLink;
 use std::time::Duration;
 
-use rayon::prelude::*;
-use serde::Serialize;
+use serde_json::json;
 
 use crate::experiment::metrics::{Band, HoldMeter, StepMeter};
 use crate::rig::bench::{BASES, Base, BenchError, DIRECTIONS, FREQUENCIES, Subject, setpoint};
 use crate::rig::operation::Operation;
+use crate::study::{Column, Limit, Measurement, Row, keeps};
 
 /// f, averaged over each turn: largest root mean square error, Hz.
 pub const FREQUENCY_LIMIT_HZ: f64 = 0.05;
@@ -34,7 +34,7 @@ const MEASURING: Duration = Duration::from_secs(2);
 const WATCHING: Duration = Duration::from_millis(1500);
 
 /// One held setpoint.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone)]
 pub struct HoldResult {
     /// What the shaker stood on.
     pub base: Base,
@@ -53,18 +53,37 @@ pub struct HoldResult {
 }
 
 impl HoldResult {
+    /// Returns the columns of its row, with their limits.
+    fn columns() -> Vec<Column> {
+        vec![
+            Column::text("base"),
+            Column::number("f_hz"),
+            Column::number("theta_deg"),
+            Column::number("f_rms_hz").limited(Limit::AtMost(FREQUENCY_LIMIT_HZ)),
+            Column::number("theta_rms_deg").limited(Limit::AtMost(DIRECTION_LIMIT_DEG)),
+            Column::number("force_error_deg").limited(Limit::Within(FORCE_LIMIT_DEG)),
+            Column::number("across_axis").limited(Limit::AtMost(ACROSS_LIMIT)),
+        ]
+    }
+
+    /// Returns the figures, the last values of its row.
+    fn figures(&self) -> Row {
+        [self.f_rms_hz, self.theta_rms_deg, self.force_error_deg, self.across_axis]
+            .map(Into::into)
+            .to_vec()
+    }
+
     /// Returns whether all figures are within their limits.
     #[must_use]
     pub fn passes(&self) -> bool {
-        self.f_rms_hz <= FREQUENCY_LIMIT_HZ
-            && self.theta_rms_deg <= DIRECTION_LIMIT_DEG
-            && self.force_error_deg.abs() <= FORCE_LIMIT_DEG
-            && self.across_axis <= ACROSS_LIMIT
+        let columns = Self::columns();
+        let figures = self.figures();
+        keeps(&columns[columns.len() - figures.len()..], &figures)
     }
 }
 
 /// One step.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone)]
 pub struct StepResult {
     /// What was done.
     pub name: String,
@@ -85,17 +104,6 @@ impl StepResult {
     }
 }
 
-/// All figures.
-#[derive(Debug, Clone, Serialize)]
-pub struct Accuracy {
-    /// Held setpoints.
-    pub hold: Vec<HoldResult>,
-    /// Steps.
-    pub steps: Vec<StepResult>,
-    /// Whether all are within their limits.
-    pub pass: bool,
-}
-
 /// A change of setpoint.
 #[derive(Debug, Clone, Copy)]
 pub struct Step {
@@ -107,6 +115,12 @@ pub struct Step {
     pub to: (f64, f64),
 }
 
+impl Step {
+    fn name_on(self, base: Base) -> String {
+        format!("{}, {base} base", self.name)
+    }
+}
+
 /// The steps that are measured, on both bases.
 pub const STEPS: [Step; 3] = [
     Step { name: "10 to 35 Hz", from: (10.0, 0.0), to: (35.0, 0.0) },
@@ -114,41 +128,55 @@ pub const STEPS: [Step; 3] = [
     Step { name: "theta 0 to 90 degrees at 30 Hz", from: (30.0, 0.0), to: (30.0, 90.0) },
 ];
 
-/// How many independent runs [`measure`] makes.
-pub const RUNS: usize = BASES.len() * (FREQUENCIES.len() + STEPS.len());
+/// Returns every held setpoint of a robot, in one run for each base and frequency.
+#[must_use]
+pub fn holds(subject: &Subject) -> Measurement<(Base, f64)> {
+    let robot = subject.clone();
+    Measurement::new(
+        "accuracy-hold",
+        json!({ "model": subject.model, "seed": subject.seed }),
+        HoldResult::columns(),
+        |(base, f): &(Base, f64), row| {
+            vec![base.to_string().into(), (*f).into(), DIRECTIONS[row].into()]
+        },
+        move |(base, f)| {
+            let held = hold_all_directions(&robot, *base, *f)?;
+            Ok::<_, BenchError>(held.iter().map(HoldResult::figures).collect())
+        },
+    )
+    .runs(BASES.into_iter().flat_map(|base| FREQUENCIES.map(|f| (base, f))), DIRECTIONS.len())
+    .listed("hold", &["base", "f_hz"])
+}
 
-/// Measures all figures of this robot. `done` is called after each of [`RUNS`] runs.
-///
-/// # Errors
-/// When a robot cannot be brought to run: that, too, is a failure of its promises.
-pub fn measure(subject: &Subject, done: impl Fn() + Sync) -> Result<Accuracy, BenchError> {
-    let cells: Vec<(Base, f64)> =
-        BASES.into_iter().flat_map(|base| FREQUENCIES.map(|frequency| (base, frequency))).collect();
-    let hold = cells.par_iter().map(|&(base, frequency)| {
-        let figures = hold_all_directions(subject, base, frequency);
-        done();
-        figures
-    });
-    let changes: Vec<(Base, Step)> =
-        BASES.into_iter().flat_map(|base| STEPS.map(|step| (base, step))).collect();
-    let steps = changes.par_iter().map(|&(base, step)| {
-        let figures = measure_step(subject, base, step);
-        done();
-        figures
-    });
-    let (hold, steps) = rayon::join(
-        || hold.collect::<Result<Vec<_>, _>>(),
-        || steps.collect::<Result<Vec<_>, _>>(),
-    );
-    let (hold, steps) = (hold?.concat(), steps?);
-    let pass = hold.iter().all(HoldResult::passes) && steps.iter().all(StepResult::passes);
-    Ok(Accuracy { hold, steps, pass })
+/// Returns every step of a robot, each a run.
+#[must_use]
+pub fn steps(subject: &Subject) -> Measurement<(Base, Step)> {
+    let robot = subject.clone();
+    Measurement::new(
+        "accuracy-steps",
+        json!({ "model": subject.model, "seed": subject.seed }),
+        vec![
+            Column::text("name"),
+            Column::number("settle_s").limited(Limit::AtMost(SETTLE_LIMIT_S)),
+            Column::number("peak_current_a"),
+            Column::number("current_limit_a"),
+            Column::promise("pass"),
+        ],
+        |(base, step): &(Base, Step), _| vec![step.name_on(*base).into()],
+        move |(base, step)| {
+            let it = measure_step(&robot, *base, *step)?;
+            let (peak, limit) = (it.peak_current_a.into(), it.current_limit_a.into());
+            Ok::<_, BenchError>(vec![vec![it.settle_s.into(), peak, limit, it.passes().into()]])
+        },
+    )
+    .runs(BASES.into_iter().flat_map(|base| STEPS.map(|step| (base, step))), 1)
+    .listed("steps", &[])
 }
 
 /// Holds this frequency through all directions, in one run.
 ///
 /// # Errors
-/// As for [`measure`].
+/// When the robot cannot be brought to run.
 pub fn hold_all_directions(
     subject: &Subject,
     base: Base,
@@ -189,7 +217,7 @@ pub(super) fn hold_directions(
 /// Measures one step, in one run.
 ///
 /// # Errors
-/// As for [`measure`].
+/// When the robot cannot be brought to run.
 pub fn measure_step(subject: &Subject, base: Base, step: Step) -> Result<StepResult, BenchError> {
     step_of(&mut subject.on(base)?, base, step)
 }
@@ -210,7 +238,7 @@ pub(super) fn step_of(
     operation.want(target);
     operation.run(WATCHING, |truth| meter.watch(truth))?;
     Ok(StepResult {
-        name: format!("{}, {base} base", step.name),
+        name: step.name_on(base),
         settle_s: meter.settled_after(),
         peak_current_a: meter.peak_current(),
         current_limit_a,

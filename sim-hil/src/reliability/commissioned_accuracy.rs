@@ -13,8 +13,8 @@ use flix_protocol::message::{Event, Fault};
 use flix_protocol::units::Instant;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::json;
 
 use super::accuracy::{HoldResult, STEPS, Step, StepResult, hold_directions, step_of};
 pub use super::commission::CURRENT_LIMIT_A;
@@ -24,6 +24,7 @@ use crate::model::RobotModel;
 use crate::plant::electronics::Electronics;
 use crate::rig::bench::{BASES, Base, BenchError, FREQUENCIES, Subject};
 use crate::rig::simulated::Disturbance;
+use crate::study::{Column, Measurement, Row, Table, Value};
 
 /// theta of a robot whose f is limited: largest root mean square error, degrees.
 pub const LIMITED_DIRECTION_DEG: f64 = 3.0;
@@ -63,7 +64,7 @@ pub fn draw(seed: u64, measures_current: bool) -> RobotModel {
 }
 
 /// What a robot did of what it promises.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kept {
     /// Every promise.
@@ -79,9 +80,10 @@ pub enum Kept {
 }
 
 /// One run of a robot.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Run {
     /// What the shaker stood on.
+    #[serde(deserialize_with = "base")]
     pub base: Base,
     /// What was asked.
     pub asked: String,
@@ -93,6 +95,13 @@ pub struct Run {
     pub kept: Kept,
     /// What was out of its limits, and what the robot said.
     pub why: String,
+}
+
+/// Reads the name of a base.
+fn base<'de, D: Deserializer<'de>>(source: D) -> Result<Base, D::Error> {
+    let name = String::deserialize(source)?;
+    let base = BASES.into_iter().find(|base| base.to_string() == name);
+    base.ok_or_else(|| serde::de::Error::custom(format!("no base is called {name}")))
 }
 
 /// One robot.
@@ -108,77 +117,54 @@ pub struct Robot {
     pub largest_current_a: f64,
 }
 
-/// Robots of one kind of board.
-#[derive(Debug, Clone, Serialize)]
-pub struct Count {
-    /// How many kept every promise.
-    pub held: usize,
-    /// See [`Kept::Limited`].
-    pub limited: usize,
-    /// See [`Kept::Named`].
-    pub named: usize,
-    /// See [`Kept::Misnamed`].
-    pub misnamed: usize,
-    /// See [`Kept::Silent`].
-    pub silent: usize,
-    /// Those of which a phase carried more than [`CURRENT_LIMIT_A`].
-    pub beyond_current: usize,
-    /// Largest phase current, A.
-    pub largest_current_a: f64,
-    /// One after the other.
-    pub each: Vec<Robot>,
+/// Returns the robots of a table of [`robots`] that did not fail: those with current sense, then those without.
+#[must_use]
+pub fn found(table: &Table) -> [Vec<Robot>; BOARDS.len()] {
+    let (succeeded, _) = table.succeeded();
+    BOARDS.map(|board| {
+        let rows = succeeded.rows.values().filter(|row| row[0].as_text() == Some(board));
+        rows.filter_map(robot).collect()
+    })
 }
 
-impl Count {
-    /// Counts these.
-    #[must_use]
-    pub fn of(each: Vec<Robot>) -> Self {
-        let count = |kept| each.iter().filter(|it| it.kept == kept).count();
-        let currents = || each.iter().map(|it| it.largest_current_a);
-        Self {
-            held: count(Kept::Held),
-            limited: count(Kept::Limited),
-            named: count(Kept::Named),
-            misnamed: count(Kept::Misnamed),
-            silent: count(Kept::Silent),
-            beyond_current: currents().filter(|it| *it > CURRENT_LIMIT_A).count(),
-            largest_current_a: currents().fold(0.0, f64::max),
-            each,
-        }
-    }
+/// Reads the row of a robot.
+fn robot(row: &Row) -> Option<Robot> {
+    let [_, seed, kept, largest_current, broken, ..] = row.as_slice() else { return None };
+    Some(Robot {
+        seed: seed.whole()?,
+        kept: serde_json::from_value(kept.as_text()?.into()).ok()?,
+        broken: serde_json::from_str(broken.as_text()?).ok()?,
+        largest_current_a: largest_current.number()?,
+    })
 }
 
-/// How many robots kept their promises.
-#[derive(Debug, Clone, Serialize)]
-pub struct Promises {
-    /// Of each kind of board.
-    pub robots: usize,
-    /// Boards that measure phase currents; commissioned.
-    pub current_sense: Count,
-    /// Boards that do not; measured by hand.
-    pub voltage_mode: Count,
-}
+/// Names of boards with current sense and without.
+const BOARDS: [&str; 2] = ["sense", "voltage"];
 
-/// Draws so many robots from this seed on, each with and without current sense. `done` is called after each.
-///
-/// # Errors
-/// When a robot cannot be built.
-pub fn measure(
-    robots: usize,
-    first_seed: u64,
-    done: impl Fn() + Sync,
-) -> Result<Promises, BenchError> {
-    let seeds: Vec<u64> = (0..robots as u64).map(|count| first_seed.wrapping_add(count)).collect();
-    let count = |measures_current| {
-        let each = seeds.par_iter().map(|seed| {
-            let robot = try_robot(*seed, measures_current);
-            done();
-            robot
-        });
-        Ok::<_, BenchError>(Count::of(each.collect::<Result<_, _>>()?))
-    };
-    let (current_sense, voltage_mode) = (count(true)?, count(false)?);
-    Ok(Promises { robots, current_sense, voltage_mode })
+/// Returns so many robots from this seed on, each with current sense (commissioned) and without (measured by hand).
+#[must_use]
+pub fn robots(robots: usize, first_seed: u64) -> Measurement<(&'static str, u64)> {
+    let seeds = move || (0..robots as u64).map(move |count| first_seed.wrapping_add(count));
+    Measurement::new(
+        "accuracy-robots",
+        json!({ "robots": robots, "first_seed": first_seed }),
+        vec![
+            Column::text("board"),
+            Column::whole("seed"),
+            Column::text("kept"),
+            Column::number("largest_current_a"),
+            // The runs that broke a promise, as JSON.
+            Column::text("broken"),
+        ],
+        |(board, seed): &(&str, u64), _| vec![(*board).into(), (*seed).into()],
+        |(board, seed)| {
+            let it = try_robot(*seed, *board == BOARDS[0])?;
+            let broken = json!(it.broken).to_string();
+            let row = vec![Value::word(&it.kept), it.largest_current_a.into(), broken.into()];
+            Ok::<_, BenchError>(vec![row])
+        },
+    )
+    .runs(BOARDS.into_iter().flat_map(move |board| seeds().map(move |seed| (board, seed))), 1)
 }
 
 /// Commissions one robot and asks for everything that it promises.

@@ -5,6 +5,7 @@
 //! come to rest for good within [`REST_LIMIT_S`] of the moment at which the robot could know, or when f and theta are
 //! held within the limits of [`crate::reliability::accuracy`]; each [`Case`] says which. Figures are the plant's truth.
 
+use std::sync::OnceLock;
 use std::time::Duration;
 
 use flix_host::link::RobotLink;
@@ -13,8 +14,8 @@ use flix_protocol::message::{Fault, State};
 use flix_protocol::units::Instant;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rayon::prelude::*;
 use serde::Serialize;
+use serde_json::json;
 
 use crate::experiment::metrics::{HoldMeter, line_error};
 use crate::reliability::accuracy::{DIRECTION_LIMIT_DEG, FREQUENCY_LIMIT_HZ};
@@ -24,6 +25,7 @@ use crate::rig::hardware_fault::{HardwareFault, Injected};
 use crate::rig::lossy_network::ChannelParameters;
 use crate::rig::operation::Operation;
 use crate::rig::simulated::SimulatedRobot;
+use crate::study::{Column, Measurement, Row, Value};
 
 /// Longest time from when the cause can be known until both rotors are at rest, s.
 pub const REST_LIMIT_S: f64 = 0.6;
@@ -71,101 +73,81 @@ pub enum Outcome {
     Neither,
 }
 
-/// One cell of the matrix.
-#[derive(Debug, Clone, Serialize)]
-pub struct Cell {
-    /// Name of the [`Case`].
-    pub fault: &'static str,
-    /// What the shaker stood on.
-    pub base: Base,
-    /// Commanded f when it went wrong, Hz.
-    pub f_hz: f64,
-    /// Commanded theta when it went wrong, degrees.
-    pub theta_deg: f64,
-    /// When it went wrong.
-    pub onset: Onset,
-    /// What is promised.
-    pub promise: Promise,
-    /// What the robot did.
-    pub outcome: Outcome,
-    /// From when the cause could be known until both rotors were at rest for good; 0 when they were already.
-    pub safe_s: Option<f64>,
-    /// Largest phase current of both motors from the onset on.
-    pub largest_current_a: f64,
-    /// How far theta ran away while the rotors came to rest; none when they did not.
-    pub phase_error_deg: Option<f64>,
-    /// f over each turn, root mean square error once settled; none without a whole turn.
-    pub f_rms_hz: Option<f64>,
-    /// theta at every tick, root mean square error once settled.
-    pub theta_rms_deg: f64,
-    /// Where the supervisor stood at the end.
-    pub state: String,
-    /// What it named as the first cause.
-    pub first_fault: Option<String>,
-    /// Whether the promise was kept.
-    pub pass: bool,
-}
-
-/// The whole matrix.
-#[derive(Debug, Clone, Serialize)]
-pub struct Matrix {
-    /// The robot.
-    pub seed: u64,
-    /// All cells.
-    pub cells: Vec<Cell>,
-    /// Whether every promise was kept.
-    pub pass: bool,
-}
-
-/// How many cells a row has.
-pub const CELLS_OF_A_CASE: usize = BASES.len() * PaperMode::ALL.len() * ONSETS.len();
-
-/// Measures the rows that are `wanted` of the matrix of the robot of this seed. `done` is called after each cell.
-///
-/// # Errors
-/// When the robot cannot even be armed while all is well.
-pub fn measure(
-    seed: u64,
-    wanted: impl Fn(&Case) -> bool,
-    done: impl Fn() + Sync,
-) -> Result<Matrix, BenchError> {
-    let flashes: Vec<_> =
-        BASES.par_iter().map(|base| learnt(*base, seed)).collect::<Result<_, _>>()?;
-    let mut places = Vec::new();
-    for case in CASES.iter().filter(|case| wanted(case)) {
-        for (base, flash) in BASES.into_iter().zip(&flashes) {
-            for mode in PaperMode::ALL.map(PaperMode::pair) {
-                places.extend(ONSETS.map(|onset| Place { case, base, mode, onset, seed, flash }));
-            }
-        }
-    }
-    let run = |place: &Place| {
-        let cell = place.run();
-        done();
-        cell
-    };
-    let cells: Vec<Cell> = places.par_iter().map(run).collect::<Result<_, _>>()?;
-    let pass = cells.iter().all(|cell| cell.pass);
-    Ok(Matrix { seed, cells, pass })
+/// Returns the rows of the matrix that are `wanted`, of the robot of this seed.
+#[must_use]
+pub fn matrix(seed: u64, wanted: impl Fn(&Case) -> bool) -> Measurement<Place> {
+    let cases: Vec<&'static Case> = CASES.iter().filter(|case| wanted(case)).collect();
+    let names: Vec<&str> = cases.iter().map(|case| case.name).collect();
+    let modes = || PaperMode::ALL.map(PaperMode::pair);
+    let places = cases.iter().flat_map(|case| {
+        let of_base = move |base| {
+            let of_mode = move |mode| ONSETS.map(|onset| Place { case, base, mode, onset, seed });
+            modes().into_iter().flat_map(of_mode)
+        };
+        BASES.into_iter().flat_map(of_base)
+    });
+    // What the robots of both bases know of their alignment, or why not.
+    let flashes: [OnceLock<Result<Option<Vec<u8>>, String>>; BASES.len()] = Default::default();
+    Measurement::new(
+        "faults",
+        json!({ "seed": seed, "faults": names }),
+        vec![
+            Column::text("fault"),
+            Column::text("base"),
+            Column::number("f_hz"),
+            Column::number("theta_deg"),
+            Column::text("onset"),
+            Column::text("promise"),
+            Column::text("outcome"),
+            // From when the cause could be known until both rotors were at rest for good.
+            Column::number("safe_s"),
+            // Of both motors from the onset on.
+            Column::number("largest_current_a"),
+            // How far theta ran away while the rotors came to rest.
+            Column::number("phase_error_deg"),
+            // Over each turn, once settled.
+            Column::number("f_rms_hz"),
+            // At every tick, once settled.
+            Column::number("theta_rms_deg"),
+            // Where the supervisor stood at the end.
+            Column::text("state"),
+            Column::text("first_fault"),
+            Column::promise("pass"),
+        ],
+        |Place { case, base, mode: (f, theta), onset, .. }, _| {
+            let place = [case.name.into(), Value::word(base), (*f).into(), (*theta).into()];
+            place.into_iter().chain([Value::word(onset), Value::word(&case.promise)]).collect()
+        },
+        move |place| {
+            let [fixed, free] = &flashes;
+            let flash = if place.base == BASES[0] { fixed } else { free };
+            let learnt = || learnt(place.base, seed).map_err(|error| error.to_string());
+            let row = place.run(flash.get_or_init(learnt).clone()?);
+            row.map(|row| vec![row]).map_err(|error| error.to_string())
+        },
+    )
+    .runs(places, 1)
+    .listed("cells", &["fault"])
+    .with_facts(json!({ "seed": seed }))
 }
 
 /// Where in the matrix.
-struct Place<'a> {
-    case: &'a Case,
+#[derive(Debug)]
+pub struct Place {
+    case: &'static Case,
     base: Base,
     mode: (f64, f64),
     onset: Onset,
     seed: u64,
-    flash: &'a Option<Vec<u8>>,
 }
 
-impl Place<'_> {
-    fn run(&self) -> Result<Cell, BenchError> {
+impl Place {
+    fn run(&self, flash: Option<Vec<u8>>) -> Result<Row, BenchError> {
         let mut random = self.random();
         let (frequency, direction) = self.mode;
         let senses_current = self.case.senses_current;
         // Chance wires a robot without current sense otherwise: it aligns anew.
-        let flash = self.flash.clone().filter(|_| senses_current);
+        let flash = flash.filter(|_| senses_current);
         let mut operation = bench_of_board(self.base, senses_current, self.seed, flash, WIFI)?;
         operation.arm()?;
         if self.onset == Onset::Reversing {
@@ -214,7 +196,7 @@ impl Place<'_> {
         }
     }
 
-    fn judge(&self, robot: &SimulatedRobot, watch: &Watch, onset: Instant) -> Cell {
+    fn judge(&self, robot: &SimulatedRobot, watch: &Watch, onset: Instant) -> Row {
         let report = robot.report();
         let figures = watch.hold.figures();
         let current_limit = f64::from(robot.software().slow.settings().current_limit);
@@ -235,27 +217,23 @@ impl Place<'_> {
             Promise::Rests => is_safe,
             Promise::HoldsOrRests => is_held || is_safe,
         };
-        Cell {
-            fault: self.case.name,
-            base: self.base,
-            f_hz: self.mode.0,
-            theta_deg: self.mode.1,
-            onset: self.onset,
-            promise: self.case.promise,
-            outcome: match () {
-                () if is_held => Outcome::Held,
-                () if watch.rested.is_some() => Outcome::Rested,
-                () => Outcome::Neither,
-            },
-            safe_s,
-            largest_current_a: watch.largest_current,
-            phase_error_deg,
-            f_rms_hz: Some(figures.frequency_rms_hz).filter(|rms| rms.is_finite()),
-            theta_rms_deg: figures.direction_rms_deg,
-            state: report.state.to_string(),
-            first_fault: report.first_fault.map(|fault: Fault| fault.to_string()),
-            pass,
-        }
+        let outcome = match () {
+            () if is_held => Outcome::Held,
+            () if watch.rested.is_some() => Outcome::Rested,
+            () => Outcome::Neither,
+        };
+        let first_fault = report.first_fault.map(|fault: Fault| fault.to_string());
+        vec![
+            Value::word(&outcome),
+            safe_s.into(),
+            watch.largest_current.into(),
+            phase_error_deg.into(),
+            Some(figures.frequency_rms_hz).filter(|rms| rms.is_finite()).into(),
+            figures.direction_rms_deg.into(),
+            report.state.to_string().into(),
+            first_fault.unwrap_or_default().into(),
+            pass.into(),
+        ]
     }
 }
 

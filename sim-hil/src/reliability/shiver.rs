@@ -15,11 +15,12 @@ use flix_protocol::message::{Refusal, Setpoint};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde_json::json;
 
 use crate::model::RobotModel;
 use crate::rig::bench::{BASES, BenchError, Subject, setpoint};
 use crate::rig::operation::OperationError;
+use crate::study::{Column, Limit, Measurement, Value};
 
 /// Most heat of both motors at rest, W: a fiftieth of what cooks one.
 pub const HEAT_LIMIT_W: f64 = 0.5;
@@ -48,8 +49,7 @@ const LATEST_US: f64 = 3_000.0;
 pub type Set = BTreeMap<String, f64>;
 
 /// What became of a set on the bench.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Verdict {
     /// The robot refused to arm, in these words.
     Refused(String),
@@ -59,41 +59,20 @@ pub enum Verdict {
     Faulted(String),
 }
 
-/// A set that was judged, and run where it is near the border.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Judged {
-    /// The set.
-    pub set: Set,
-    /// Its lesser margin.
-    pub margin: f32,
-    /// What became of it.
-    pub verdict: Verdict,
-}
-
-impl Judged {
-    /// Returns whether it is quiet, or says why not.
+impl Verdict {
+    /// Returns whether a set of this margin is quiet, or says why not.
     #[must_use]
-    pub fn passes(&self) -> bool {
-        match &self.verdict {
-            Verdict::Refused(_) => self.margin < LEAST_MARGIN,
-            Verdict::Rested(heat) => *heat < HEAT_LIMIT_W,
-            Verdict::Faulted(_) => true,
+    pub fn passes(&self, margin: f32) -> bool {
+        match self {
+            Self::Refused(_) => margin < LEAST_MARGIN,
+            Self::Rested(heat) => *heat < HEAT_LIMIT_W,
+            Self::Faulted(_) => true,
         }
     }
 }
 
-/// All that was found.
-#[derive(Debug, Clone, Serialize)]
-pub struct Shivers {
-    /// Whether every set that was run passes.
-    pub pass: bool,
-    /// Sets drawn.
-    pub drawn: usize,
-    /// Of them, those that the robot arms with.
-    pub accepted: usize,
-    /// Those that were run.
-    pub run: Vec<Judged>,
-}
+/// The latency of the encoders, a setting that is drawn apart.
+const LATENCY: &str = "encoder_latency";
 
 /// Draws a set, the same for the same seed.
 #[must_use]
@@ -108,7 +87,7 @@ pub fn draw(seed: u64) -> Set {
         .collect();
     let late = random.random::<bool>();
     let latency = if late { LATEST_US * random.random::<f64>() } else { 0.0 };
-    set.insert("encoder_latency".to_owned(), latency);
+    set.insert(LATENCY.to_owned(), latency);
     set
 }
 
@@ -118,7 +97,7 @@ pub fn draw(seed: u64) -> Set {
 /// When the model is damaged.
 fn robot(set: &Set) -> Result<RobotModel, BenchError> {
     let mut model = RobotModel::named("bench-fixed")?;
-    model.electrical.encoder.late_us = set.get("encoder_latency").copied().unwrap_or(0.0);
+    model.electrical.encoder.late_us = set.get(LATENCY).copied().unwrap_or(0.0);
     model.electrical.settings.extend(set.clone());
     Ok(model)
 }
@@ -169,38 +148,60 @@ pub fn run(set: &Set, seed: u64) -> Result<Verdict, BenchError> {
     Ok(Verdict::Rested(heat / ticks))
 }
 
-/// Draws and judges so many sets, and runs those nearest the border. `done` is called after each run.
+/// A set and its lesser margin.
+#[derive(Debug)]
+pub struct Judged {
+    seed: u64,
+    set: Set,
+    margin: f32,
+}
+
+/// Draws and judges so many sets; returns the runs of those nearest the border.
 ///
 /// # Errors
-/// When a robot does something else than refuse, rest, or have a fault.
-pub fn measure(
-    sets: usize,
+/// When a value is refused by itself.
+pub fn shivers(
+    drawn: usize,
     nearest: usize,
     first_seed: u64,
-    done: impl Fn() + Sync,
-) -> Result<Shivers, BenchError> {
-    let seeds = (0..sets as u64).map(|index| first_seed.wrapping_add(index));
-    let judged: Result<Vec<_>, BenchError> = seeds
-        .collect::<Vec<_>>()
-        .into_par_iter()
-        .map(|seed| {
-            let set = draw(seed);
-            margin(&set).map(|margin| (seed, set, margin))
-        })
-        .collect();
-    let mut judged = judged?;
-    let accepted = judged.iter().filter(|(.., margin)| *margin >= LEAST_MARGIN).count();
-    let from_border = |margin: f32| (margin - LEAST_MARGIN).abs();
-    judged.sort_by(|(.., one), (.., other)| from_border(*one).total_cmp(&from_border(*other)));
+) -> Result<Measurement<Judged>, BenchError> {
+    let judge = |index: usize| {
+        let seed = first_seed.wrapping_add(index as u64);
+        let set = draw(seed);
+        margin(&set).map(|margin| Judged { seed, set, margin })
+    };
+    let mut judged: Vec<Judged> =
+        (0..drawn).into_par_iter().map(judge).collect::<Result<_, _>>()?;
+    let accepted = judged.iter().filter(|it| it.margin >= LEAST_MARGIN).count();
+    let from_border = |judged: &Judged| (judged.margin - LEAST_MARGIN).abs();
+    judged.sort_by(|one, other| from_border(one).total_cmp(&from_border(other)));
     judged.truncate(nearest);
-    let run: Result<Vec<Judged>, BenchError> = judged
-        .into_par_iter()
-        .map(|(seed, set, margin)| {
-            let verdict = run(&set, seed)?;
-            done();
-            Ok(Judged { set, margin, verdict })
-        })
-        .collect();
-    let run = run?;
-    Ok(Shivers { pass: run.iter().all(Judged::passes), drawn: sets, accepted, run })
+    let names = || DRAWN.iter().map(|(name, ..)| *name).chain([LATENCY]);
+    let found = [
+        Column::text("verdict"),
+        Column::number("heat_w").limited(Limit::AtMost(HEAT_LIMIT_W)).or_missing(),
+        Column::text("said"),
+        Column::promise("pass"),
+    ];
+    let study = Measurement::new(
+        "shiver",
+        json!({ "drawn": drawn, "nearest": nearest, "first_seed": first_seed }),
+        names().chain(["margin"]).map(Column::number).chain(found).collect(),
+        move |Judged { set, margin, .. }, _| {
+            let values = names().map(|name| Value::from(set.get(name).copied()));
+            values.chain([f64::from(*margin).into()]).collect()
+        },
+        |Judged { seed, set, margin }| {
+            let verdict = run(set, *seed)?;
+            let pass = verdict.passes(*margin);
+            let (name, heat, said) = match verdict {
+                Verdict::Refused(said) => ("refused", None, said),
+                Verdict::Rested(heat) => ("rested", Some(heat), String::new()),
+                Verdict::Faulted(said) => ("faulted", None, said),
+            };
+            Ok::<_, BenchError>(vec![vec![name.into(), heat.into(), said.into(), pass.into()]])
+        },
+    );
+    let facts = json!({ "drawn": drawn, "accepted": accepted });
+    Ok(study.runs(judged, 1).listed("run", &["verdict"]).with_facts(facts))
 }

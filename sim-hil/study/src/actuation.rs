@@ -7,9 +7,9 @@
 
 use serde_json::json;
 
-use super::{Column, Row, Study};
 use flix_sim::model::{Base, RobotModel};
 use flix_sim::plant::{Drive, Mechanics, Plant};
+use flix_sim::study::{Column, Row, Study};
 
 /// Frequencies of figure 3d, Hz: every one up to the highest.
 const HIGHEST: usize = 35;
@@ -116,7 +116,7 @@ mod tests {
         let cells: Vec<usize> = (0..study.cells()).collect();
         let rows = cells.iter().zip(study.compute(&cells)).map(|(cell, row)| {
             let row = [study.asked(*cell), row.unwrap()].concat();
-            let n: Vec<f64> = row.iter().filter_map(super::super::Value::number).collect();
+            let n: Vec<f64> = row.iter().filter_map(flix_sim::study::Value::number).collect();
             ([n[0], n[1]], [n[2], n[3], n[4], n[5], n[6]])
         });
         rows.filter(|(pair, _)| *pair == [f, theta]).map(|(_, row)| row).collect()

@@ -16,9 +16,9 @@ use flix_protocol::units::Instant;
 use serde::Serialize;
 use serde_json::json;
 
-use super::{Column, Row, Study, Table};
 use flix_sim::experiment::course::{Conditions, Course};
 use flix_sim::model::{RobotModel, stranger};
+use flix_sim::study::{Column, Row, Study, Table};
 
 /// Sides of the figure eight, m, and its laps.
 const EIGHT: [f64; 2] = [1.6, 0.8];

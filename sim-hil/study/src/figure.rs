@@ -8,7 +8,6 @@ use flix_plot::{
 };
 use flix_sim::reliability::commissioned_accuracy::Kept;
 
-use super::Table;
 use super::actuation::CYCLES;
 use super::front::{Gait, front, gaits};
 use super::headroom::{Board, Boards, HEADROOM_V, Headroom, Judged};
@@ -17,6 +16,7 @@ use super::modes::{Component, PaperMode, paper_modes};
 use super::selection::{Candidate, robustness};
 use super::sensitivity::index;
 use super::sweep::{Cell, cells};
+use flix_sim::study::Table;
 
 /// One of the three mean speeds, as it is drawn.
 struct Speed {

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::Table;
+use flix_sim::study::Table;
 
 /// What a pair takes to move its robot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -15,7 +15,7 @@ use core::f64::consts::TAU;
 
 use flix_sim::model::{Base as Joint, RobotModel};
 use flix_sim::plant::electronics::motor::MotorParameters;
-use flix_sim::reliability::commissioned_accuracy::{self, Count, Kept, Promises, Run};
+use flix_sim::reliability::commissioned_accuracy::{self, Kept, Run};
 use flix_sim::rig::bench::{BASES, Base, BenchError, FREQUENCIES, Subject};
 use serde::Serialize;
 
@@ -197,7 +197,10 @@ pub struct Board {
 }
 
 impl Board {
-    fn of(count: Count, measures_current: bool) -> Result<Self, BenchError> {
+    fn of(
+        robots: Vec<commissioned_accuracy::Robot>,
+        measures_current: bool,
+    ) -> Result<Self, BenchError> {
         let judged = |robot: commissioned_accuracy::Robot| {
             let model = commissioned_accuracy::draw(robot.seed, measures_current);
             let bounds = BASES.map(|base| Ok((base, bound(&model, base, robot.seed)?)));
@@ -225,23 +228,21 @@ impl Board {
             })
         };
         let each: Vec<Judged> =
-            count.each.into_iter().map(judged).collect::<Result<_, BenchError>>()?;
-        let is_possible = |it: &&Judged| it.bound.headroom_v > HEADROOM_V;
+            robots.into_iter().map(judged).collect::<Result<_, BenchError>>()?;
+        let count = |of: &dyn Fn(&Judged) -> bool| each.iter().filter(|it| of(it)).count();
+        let kept = |kept| count(&|it| it.kept == kept);
+        let is_possible = |it: &Judged| it.bound.headroom_v > HEADROOM_V;
         Ok(Self {
-            held: count.held,
-            possible: each.iter().filter(is_possible).count(),
-            possible_held: each
-                .iter()
-                .filter(is_possible)
-                .filter(|it| it.kept == Kept::Held)
-                .count(),
-            limited: count.limited,
-            below_ceiling: each.iter().filter(|it| it.least_share < CEILING_SHARE).count(),
-            named: count.named,
-            misnamed: count.misnamed,
-            silent: count.silent,
-            above_limit: count.beyond_current,
-            largest_current_a: count.largest_current_a,
+            held: kept(Kept::Held),
+            possible: count(&is_possible),
+            possible_held: count(&|it| is_possible(it) && it.kept == Kept::Held),
+            limited: kept(Kept::Limited),
+            below_ceiling: count(&|it| it.least_share < CEILING_SHARE),
+            named: kept(Kept::Named),
+            misnamed: kept(Kept::Misnamed),
+            silent: kept(Kept::Silent),
+            above_limit: count(&|it| it.largest_current_a > CURRENT_LIMIT_A),
+            largest_current_a: each.iter().map(|it| it.largest_current_a).fold(0.0, f64::max),
             each,
         })
     }
@@ -276,10 +277,11 @@ pub struct Headroom {
 ///
 /// # Errors
 /// When one cannot be built.
-pub fn judge(promises: Promises) -> Result<Headroom, BenchError> {
-    let Promises { robots, current_sense, voltage_mode } = promises;
-    let boards =
-        Boards { sense: Board::of(current_sense, true)?, voltage: Board::of(voltage_mode, false)? };
+pub fn judge(
+    robots: usize,
+    [sense, voltage]: [Vec<commissioned_accuracy::Robot>; 2],
+) -> Result<Headroom, BenchError> {
+    let boards = Boards { sense: Board::of(sense, true)?, voltage: Board::of(voltage, false)? };
     let pass = boards.sense.passes() && boards.voltage.passes();
     Ok(Headroom { robots, boards, pass })
 }
@@ -330,19 +332,13 @@ mod tests {
 
     #[test]
     fn a_robot_that_broke_a_promise_in_silence_fails_all_and_one_that_held_does_not() {
-        let count = |kept| {
+        let robot = |kept| {
             let broken = Vec::new();
-            Count::of(vec![commissioned_accuracy::Robot {
-                seed: 1,
-                kept,
-                broken,
-                largest_current_a: 1.0,
-            }])
+            vec![commissioned_accuracy::Robot { seed: 1, kept, broken, largest_current_a: 1.0 }]
         };
         for (kept, passes) in [(Kept::Held, true), (Kept::Silent, false), (Kept::Misnamed, false)] {
-            let promises =
-                Promises { robots: 1, current_sense: count(kept), voltage_mode: count(Kept::Held) };
-            assert_eq!(judge(promises).unwrap().pass, passes, "{kept:?}");
+            let judged = judge(1, [robot(kept), robot(Kept::Held)]).unwrap();
+            assert_eq!(judged.pass, passes, "{kept:?}");
         }
     }
 }

@@ -9,9 +9,8 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use flix_sim::study::{Column, Fingerprint, Kind, Row, Value};
 use sha2::{Digest, Sha256};
-
-use super::column::{Column, Fingerprint, Kind, Row, Value};
 
 /// Why finished cells could not be kept or found.
 #[derive(Debug, thiserror::Error)]
@@ -48,22 +47,35 @@ pub enum JournalError {
     },
 }
 
+/// Which cells of an earlier run are taken for those of this run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Earlier {
+    /// Those of a run of this program that did not finish. A run that finished is computed anew.
+    Unfinished,
+    /// Those of a run of this program, finished or not.
+    All,
+    /// None.
+    Forget,
+}
+
 /// The file that finished cells are appended to.
 #[derive(Debug)]
 pub(super) struct Journal {
     path: PathBuf,
     fingerprint: Fingerprint,
+    header: String,
     file: File,
 }
 
 impl Journal {
-    /// Opens or begins the journal and returns the cells that are in it.
+    /// Opens or begins the journal and returns the cells that are in it. Cells of another program are forgotten, unless all
+    /// earlier ones are asked for.
     pub(super) fn open(
         path: &Path,
         study: &str,
         fingerprint: &Fingerprint,
         columns: &[Column],
-        restart: bool,
+        earlier: Earlier,
     ) -> Result<(Self, BTreeMap<usize, Row>), JournalError> {
         let failed = |source| JournalError::File { path: path.to_owned(), source };
         flix_host::system::file::check_writable(path).map_err(failed)?;
@@ -83,7 +95,7 @@ impl Journal {
             Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
             Err(TryLockError::Error(error)) => return Err(failed(error)),
         }
-        if restart {
+        if earlier == Earlier::Forget {
             file.set_len(0).map_err(failed)?;
         }
         // Whatever damage made of it: rows are checked one by one.
@@ -102,15 +114,16 @@ impl Journal {
         let names: Vec<&str> = columns.iter().map(|column| column.name.as_str()).collect();
         let title = format!("# {study} {fingerprint}");
         let header = format!("{title}\ncell,{},check\n", names.join(","));
-        let journal = |file| Self { path: path.to_owned(), fingerprint: fingerprint.clone(), file };
-        if !text.starts_with(&header) {
+        let mut journal =
+            Self { path: path.to_owned(), fingerprint: fingerprint.clone(), header, file };
+        if !text.starts_with(&journal.header) {
             let found = text.lines().next().unwrap_or_default();
-            if header.starts_with(&*text) {
-                // New, or cut off within its header.
-                file.set_len(0).map_err(failed)?;
-                file.seek(SeekFrom::Start(0)).map_err(failed)?;
-                file.write_all(header.as_bytes()).map_err(failed)?;
-                return Ok((journal(file), BTreeMap::new()));
+            let is_of_another_program = earlier == Earlier::Unfinished
+                && found.starts_with(&format!("# {study} {}-", fingerprint.parameters()));
+            // Or new, or cut off within its header.
+            if is_of_another_program || journal.header.starts_with(&*text) {
+                journal.begin()?;
+                return Ok((journal, BTreeMap::new()));
             }
             return Err(JournalError::Other {
                 path: path.to_owned(),
@@ -124,10 +137,18 @@ impl Journal {
                 csv::ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes());
             parse(&reader.records().next()?.ok()?, columns, fingerprint)
         };
-        let rows = text[header.len()..].lines().filter_map(row).collect();
-        file.set_len(whole as u64).map_err(failed)?;
-        file.seek(SeekFrom::End(0)).map_err(failed)?;
-        Ok((journal(file), rows))
+        let rows = text[journal.header.len()..].lines().filter_map(row).collect();
+        journal.file.set_len(whole as u64).map_err(failed)?;
+        journal.file.seek(SeekFrom::End(0)).map_err(failed)?;
+        Ok((journal, rows))
+    }
+
+    /// Forgets all cells.
+    pub(super) fn begin(&mut self) -> Result<(), JournalError> {
+        let failed = |source| JournalError::File { path: self.path.clone(), source };
+        self.file.set_len(0).map_err(failed)?;
+        self.file.seek(SeekFrom::Start(0)).map_err(failed)?;
+        self.file.write_all(self.header.as_bytes()).map_err(failed)
     }
 
     /// Writes these cells through to the disk.
@@ -139,6 +160,7 @@ impl Journal {
                 Value::Number(number) => number.to_string(),
                 Value::Whole(whole) => whole.to_string(),
                 Value::Text(text) => text.clone(),
+                Value::Flag(flag) => flag.to_string(),
             });
             let mut fields: Vec<String> = std::iter::once(cell.to_string()).chain(values).collect();
             fields.push(check(&self.fingerprint, fields.iter().map(String::as_str)));
@@ -179,6 +201,7 @@ fn parse(
                 Kind::Number => Value::Number(field.parse().ok()?),
                 Kind::Whole => Value::Whole(field.parse().ok()?),
                 Kind::Text => Value::from(field),
+                Kind::Flag => Value::Flag(field.parse().ok()?),
             })
         })
         .collect();

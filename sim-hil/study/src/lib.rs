@@ -1,24 +1,23 @@
 #![forbid(unsafe_code)]
 //! Studies: many independent cells, computed in parallel, never lost.
 //!
-//! A [`Study`] lists its cells and computes a batch of them. [`run`] does the rest: it takes the
-//! cells of its [`Shard`], skips those that an earlier, interrupted run already finished, computes
+//! A [`flix_sim::study::Study`] lists its cells and computes a batch of them. [`run`] does the rest: it takes the
+//! cells of a shard, skips those that an interrupted run of the same program already finished, computes
 //! the others on all cores with a progress bar, writes each batch to the journal as it ends, and at
 //! last writes one Parquet file. [`merge`] joins the Parquet files of shards into that of the whole.
-//! A cell that fails is a row, too: NaN, and why in the column `failure`; [`Table::succeeded`] leaves those out.
 //!
 //! ```text
 //! cells of the study -> those of the shard -> those not in cells.csv -> computed -> cells.csv
 //!                                                                  all there? -> results.parquet
 //! ```
 //!
-//! What a result depends on (parameters, model, version of this crate) is hashed into a
-//! [`Fingerprint`]; results of another fingerprint are refused, never mixed.
+//! What a result depends on (parameters, model, the bytes of the program that runs) is hashed into a
+//! [`Fingerprint`]; results of another fingerprint are never mixed. Those of other parameters are refused, those of another
+//! program are computed anew.
 
 pub mod actuation;
 pub mod calibrate;
 pub mod cmaes;
-mod column;
 pub mod controllers;
 pub mod figure;
 pub mod front;
@@ -30,93 +29,52 @@ pub mod measured;
 pub mod modes;
 pub mod selection;
 pub mod sensitivity;
-mod shard;
 pub mod statements;
 pub mod sweep;
 pub mod sysid;
 mod table;
 
-pub use column::{Column, Fingerprint, Kind, Row, Value};
-pub use journal::JournalError;
-pub use shard::{Shard, ShardError};
-pub use table::{Table, TableError, merge};
+pub use journal::{Earlier, JournalError};
+pub use table::{TableError, merge, read, write};
 
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
 use flix_host::system::interrupt::Interrupt;
+use flix_sim::study::{
+    Fingerprint, Row, Shard, Study, Table, all_columns, batches, rows as rows_of,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use sha2::{Digest, Sha256};
 
 use journal::Journal;
 
-/// Many independent cells.
-pub trait Study: Sync {
-    /// Returns the name for files and people, for example `mobility`.
-    fn name(&self) -> &'static str;
-
-    /// Returns what is in the results, in a few words for the name of a folder: the model at least.
-    fn label(&self) -> String;
-
-    /// Returns everything that results depend on and that the caller can change, models included.
-    fn parameters(&self) -> serde_json::Value;
-
-    /// Returns the columns of the table: what a cell asks, then what was found.
-    fn columns(&self) -> Vec<Column>;
-
-    /// Returns what a cell asks: the first values of its row.
-    fn asked(&self, cell: usize) -> Row;
-
-    /// Returns how many cells there are.
-    fn cells(&self) -> usize;
-
-    /// Returns how many cells are best computed together.
-    fn batch(&self) -> usize {
-        1
-    }
-
-    /// Computes these cells in order: what was found in each, or what went wrong, as a sentence. Must not depend on which cells
-    /// come together.
-    fn compute(&self, cells: &[usize]) -> Vec<Result<Row, String>>;
-
-    /// Returns the hash of name, parameters, columns and program version.
-    fn fingerprint(&self) -> Fingerprint {
-        let identity = serde_json::json!({
-            "study": self.name(),
-            "parameters": self.parameters(),
-            "columns": all_columns(self.columns()),
-            "version": env!("CARGO_PKG_VERSION"),
-        });
-        let digest = Sha256::digest(identity.to_string().as_bytes());
-        Fingerprint::new(digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect())
-    }
+/// Returns what the results of a study depend on.
+#[must_use]
+pub fn fingerprint(study: &dyn Study) -> Fingerprint {
+    static PROGRAM: OnceLock<String> = OnceLock::new();
+    // A program that cannot be read is known by its version alone.
+    let bytes = || std::env::current_exe().and_then(std::fs::read);
+    let program = PROGRAM
+        .get_or_init(|| short_hash(&bytes().unwrap_or_else(|_| env!("CARGO_PKG_VERSION").into())));
+    fingerprint_by(study, program)
 }
 
-/// Name of the last column of every table: why a simulation failed; empty where it did not.
-const FAILURE: &str = "failure";
-
-/// Returns the columns of a study's table.
-fn all_columns(mut columns: Vec<Column>) -> Vec<Column> {
-    columns.push(Column::text(FAILURE));
-    columns
+/// Returns the fingerprint of a study that this program computes.
+fn fingerprint_by(study: &dyn Study, program: &str) -> Fingerprint {
+    let identity = serde_json::json!({
+        "study": study.name(),
+        "parameters": study.parameters(),
+        "columns": all_columns(study),
+    });
+    Fingerprint::new(&short_hash(identity.to_string().as_bytes()), program)
 }
 
-/// Returns the row of a cell.
-fn row_of(columns: &[Column], asked: Row, found: Result<Row, String>) -> Row {
-    let (found, failure) = match found {
-        Ok(found) => (found, String::new()),
-        Err(failure) => {
-            let nothing = |column: &Column| match column.kind {
-                Kind::Number => Value::Number(f64::NAN),
-                Kind::Whole => Value::Whole(0),
-                Kind::Text => Value::Text(String::new()),
-            };
-            (columns[asked.len()..columns.len() - 1].iter().map(nothing).collect(), failure)
-        }
-    };
-    asked.into_iter().chain(found).chain([Value::Text(failure)]).collect()
+/// Returns the first 16 hexadecimal digits of the SHA-256 hash.
+fn short_hash(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().take(8).map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Where and how to run a study.
@@ -126,8 +84,8 @@ pub struct Options {
     pub folder: PathBuf,
     /// The cells to compute.
     pub shard: Shard,
-    /// Forget what an earlier run left in the folder.
-    pub restart: bool,
+    /// What is taken of what an earlier run left in the folder.
+    pub earlier: Earlier,
     /// Ends the run between two batches, with all finished cells kept.
     pub interrupt: Interrupt,
 }
@@ -166,15 +124,26 @@ impl Options {
 /// See [`StudyError`]; finished cells are on the disk whatever happens, and the same call goes on
 /// from there.
 pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
-    let fingerprint = study.fingerprint();
-    let columns = all_columns(study.columns());
-    let cells: Vec<usize> =
-        (0..study.cells()).filter(|cell| options.shard.contains(*cell)).collect();
+    run_as(study, options, fingerprint(study))
+}
+
+/// Runs a study whose results depend on this.
+fn run_as(
+    study: &dyn Study,
+    options: &Options,
+    fingerprint: Fingerprint,
+) -> Result<Table, StudyError> {
+    let columns = all_columns(study);
+    let is_of_shard = |cell: usize| options.shard.contains(study.run_of(cell));
+    let cells: Vec<usize> = (0..study.cells()).filter(|cell| is_of_shard(*cell)).collect();
     let journal_path = options.path("cells", "csv");
-    let (journal, finished) =
-        Journal::open(&journal_path, study.name(), &fingerprint, &columns, options.restart)?;
-    let mut rows = finished;
-    rows.retain(|cell, _| options.shard.contains(*cell) && *cell < study.cells());
+    let (mut journal, mut rows) =
+        Journal::open(&journal_path, study.name(), &fingerprint, &columns, options.earlier)?;
+    rows.retain(|cell, _| *cell < study.cells() && is_of_shard(*cell));
+    if rows.len() == cells.len() && options.earlier == Earlier::Unfinished {
+        journal.begin()?;
+        rows.clear();
+    }
     let missing: Vec<usize> =
         cells.iter().copied().filter(|cell| !rows.contains_key(cell)).collect();
 
@@ -182,18 +151,13 @@ pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
     bar.set_position(rows.len() as u64);
     bar.reset_eta();
     let journal = Mutex::new(journal);
-    let computed: Vec<Result<Vec<(usize, Row)>, StudyError>> = missing
-        .chunks(study.batch().max(1))
-        .collect::<Vec<_>>()
+    let computed: Vec<Result<Vec<(usize, Row)>, StudyError>> = batches(study, &missing)
         .into_par_iter()
         .map(|batch| {
             if options.interrupt.is_raised() {
                 return Ok(Vec::new());
             }
-            let found = batch.iter().zip(study.compute(batch));
-            let rows: Vec<(usize, Row)> = found
-                .map(|(cell, found)| (*cell, row_of(&columns, study.asked(*cell), found)))
-                .collect();
+            let rows = rows_of(study, &columns, batch);
             journal.lock().unwrap_or_else(std::sync::PoisonError::into_inner).append(&rows)?;
             bar.inc(batch.len() as u64);
             Ok(rows)
@@ -223,7 +187,7 @@ pub fn run(study: &dyn Study, options: &Options) -> Result<Table, StudyError> {
         columns,
         rows,
     };
-    table.write(&options.path("results", "parquet"))?;
+    write(&table, &options.path("results", "parquet"))?;
     Ok(table)
 }
 

@@ -7,13 +7,13 @@
 use flix_host::nav::Twist;
 use serde_json::json;
 
-use super::{Column, Row, Study, Table};
 use flix_sim::experiment::walk::{
     Shaking, Spread, Start, Walk, WalkDrive, WalkError, Walked, walk,
 };
 use flix_sim::experiment::walks::{OneOfMany, TOGETHER, walks};
 use flix_sim::model::{RobotModel, scattered};
 use flix_sim::rig::bench::{DIRECTIONS, FREQUENCIES};
+use flix_sim::study::{Column, Row, Study, Table};
 
 /// Time that the paper walks, s.
 pub const SECONDS: f64 = 8.0;
@@ -257,7 +257,8 @@ mod tests {
     use flix_host::system::interrupt::Interrupt;
 
     use super::*;
-    use crate::{Options, Shard, Table, merge, run};
+    use crate::{Earlier, Options, merge, run};
+    use flix_sim::study::Shard;
 
     fn short(seeds: u64) -> Sweep {
         let model = RobotModel::named("W").unwrap();
@@ -281,7 +282,7 @@ mod tests {
         let options = |shard: &str| Options {
             folder: folder.path().to_owned(),
             shard: shard.parse().unwrap(),
-            restart: false,
+            earlier: Earlier::Unfinished,
             interrupt: Interrupt::never(),
         };
         let whole = run(&short(3), &options("1/1")).unwrap();
@@ -300,7 +301,7 @@ mod tests {
         let options = |name: &str, shard: &str| Options {
             folder: folder.path().join(name),
             shard: shard.parse().unwrap(),
-            restart: false,
+            earlier: Earlier::Unfinished,
             interrupt: Interrupt::never(),
         };
         run(&short(3), &options("a", "1/2")).unwrap();
@@ -334,7 +335,7 @@ mod tests {
         let options = || Options {
             folder: folder.path().to_owned(),
             shard: Shard::WHOLE,
-            restart: false,
+            earlier: Earlier::Unfinished,
             interrupt: Interrupt::never(),
         };
         // Faster than anything shakes; a model that has no legs.
@@ -358,7 +359,7 @@ mod tests {
         // As it was written, and on the next run.
         let text = format!("{table:?}");
         assert_eq!(
-            format!("{:?}", Table::read(&folder.path().join("results.parquet")).unwrap()),
+            format!("{:?}", crate::read(&folder.path().join("results.parquet")).unwrap()),
             text
         );
         assert_eq!(format!("{:?}", run(&bad, &options()).unwrap()), text);

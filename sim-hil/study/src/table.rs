@@ -1,14 +1,15 @@
 //! The table of a study as one Parquet file, and the joining of shards.
 //!
-//! The file carries study, fingerprint, shard, number of cells and parameters as key-value
+//! The file carries study, fingerprint, shard, number of cells, parameters and columns as key-value
 //! metadata, so that it explains itself and strangers are refused.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use flix_sim::study::{Fingerprint, Kind, Row, Shard, Table, Value};
 use parquet::basic::{ConvertedType, Repetition, Type as Physical};
-use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType, Int64Type};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
@@ -16,27 +17,9 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::record::Field;
 use parquet::schema::types::Type;
+use serde::de::DeserializeOwned;
 
-use super::{Column, FAILURE, Fingerprint, Kind, Row, Shard, Value, write_whole};
-
-/// Rows of a study, or of one shard of it, with what they belong to.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Table {
-    /// Name of the study.
-    pub study: String,
-    /// What the results depend on.
-    pub fingerprint: Fingerprint,
-    /// The cells that are in it.
-    pub shard: Shard,
-    /// Cells of the whole study.
-    pub cells: usize,
-    /// What the caller chose.
-    pub parameters: serde_json::Value,
-    /// Meaning of the rows' values.
-    pub columns: Vec<Column>,
-    /// By cell.
-    pub rows: BTreeMap<usize, Row>,
-}
+use super::write_whole;
 
 /// Why a table could not be written, read or merged.
 #[derive(Debug, thiserror::Error)]
@@ -103,166 +86,129 @@ pub enum TableError {
     },
 }
 
-impl Table {
-    /// Values of one column of numbers, in order of cells; empty when there is no such column.
-    #[must_use]
-    pub fn numbers(&self, name: &str) -> Vec<f64> {
-        self.values(name, Value::number)
-    }
+/// Writes a table. The file appears whole or not at all.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write(table: &Table, path: &Path) -> Result<(), TableError> {
+    let bytes = to_parquet(table)
+        .map_err(|source| TableError::Parquet { path: path.to_owned(), source })?;
+    write_whole(path, &bytes).map_err(|source| TableError::File { path: path.to_owned(), source })
+}
 
-    /// Picks the values of a column, in order of cells; none when there is no such column.
-    fn values<'a, T>(&'a self, name: &str, pick: impl Fn(&'a Value) -> Option<T>) -> Vec<T> {
-        let index = self.columns.iter().position(|column| column.name == name);
-        let values = self.rows.values().filter_map(|row| row.get(index?));
-        values.filter_map(pick).collect()
-    }
-
-    /// Returns the rows of the simulations that did not fail, and why the others did, in order of cells.
-    #[must_use]
-    pub fn succeeded(&self) -> (Self, Vec<String>) {
-        let mut table = self.clone();
-        let mut failures = self.texts(FAILURE).into_iter();
-        table.rows.retain(|_, _| failures.next().is_none_or(str::is_empty));
-        let why = self.texts(FAILURE).into_iter().filter(|failure| !failure.is_empty());
-        (table, why.map(str::to_owned).collect())
-    }
-
-    /// Words of one column of text, in order of cells; empty when there is no such column.
-    #[must_use]
-    pub fn texts(&self, name: &str) -> Vec<&str> {
-        self.values(name, Value::as_text)
-    }
-
-    /// Writes the table. It appears whole or not at all.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<(), TableError> {
-        let bytes = self
-            .to_parquet()
-            .map_err(|source| TableError::Parquet { path: path.to_owned(), source })?;
-        write_whole(path, &bytes)
-            .map_err(|source| TableError::File { path: path.to_owned(), source })
-    }
-
-    fn to_parquet(&self) -> Result<Vec<u8>, ParquetError> {
-        let mut fields = vec![Arc::new(
-            Type::primitive_type_builder("cell", Physical::INT64)
-                .with_repetition(Repetition::REQUIRED)
-                .build()?,
-        )];
-        for column in &self.columns {
-            let of = |physical| Type::primitive_type_builder(&column.name, physical);
-            let builder = match column.kind {
-                Kind::Number => of(Physical::DOUBLE),
-                Kind::Whole => of(Physical::INT64).with_converted_type(ConvertedType::UINT_64),
-                Kind::Text => of(Physical::BYTE_ARRAY).with_converted_type(ConvertedType::UTF8),
-            };
-            fields.push(Arc::new(builder.with_repetition(Repetition::REQUIRED).build()?));
-        }
-        let schema = Arc::new(Type::group_type_builder("study").with_fields(fields).build()?);
-        let entry = |key: &str, value: String| KeyValue::new(key.to_owned(), Some(value));
-        let properties = WriterProperties::builder()
-            .set_key_value_metadata(Some(vec![
-                entry("study", self.study.clone()),
-                entry("fingerprint", self.fingerprint.to_string()),
-                entry("shard", self.shard.to_string()),
-                entry("cells", self.cells.to_string()),
-                entry("parameters", self.parameters.to_string()),
-            ]))
-            .build();
-        let mut writer = SerializedFileWriter::new(Vec::new(), schema, Arc::new(properties))?;
-        let mut group = writer.next_row_group()?;
-
-        let cells: Vec<i64> = self.rows.keys().map(|cell| *cell as i64).collect();
-        if let Some(mut column) = group.next_column()? {
-            column.typed::<Int64Type>().write_batch(&cells, None, None)?;
-            column.close()?;
-        }
-        for column in &self.columns {
-            let Some(mut out) = group.next_column()? else { break };
-            match column.kind {
-                Kind::Number => {
-                    let numbers = self.numbers(&column.name);
-                    out.typed::<DoubleType>().write_batch(&numbers, None, None)?;
-                }
-                Kind::Whole => {
-                    let whole = self.values(&column.name, Value::whole);
-                    let whole: Vec<i64> = whole.into_iter().map(u64::cast_signed).collect();
-                    out.typed::<Int64Type>().write_batch(&whole, None, None)?;
-                }
-                Kind::Text => {
-                    let words: Vec<ByteArray> =
-                        self.texts(&column.name).into_iter().map(ByteArray::from).collect();
-                    out.typed::<ByteArrayType>().write_batch(&words, None, None)?;
-                }
-            }
-            out.close()?;
-        }
-        group.close()?;
-        writer.into_inner()
-    }
-
-    /// Reads a table that [`Table::write`] wrote.
-    ///
-    /// # Errors
-    /// When the file is missing, damaged, or of something else.
-    pub fn read(path: &Path) -> Result<Self, TableError> {
-        let file = flix_host::system::file::open(path)
-            .map_err(|source| TableError::File { path: path.to_owned(), source })?;
-        let damaged = |source| TableError::Parquet { path: path.to_owned(), source };
-        let stranger =
-            |what: &str| TableError::Stranger { path: path.to_owned(), what: what.to_owned() };
-        let reader = SerializedFileReader::new(file).map_err(damaged)?;
-        let metadata = reader.metadata().file_metadata();
-        let entry = |key: &str| {
-            metadata
-                .key_value_metadata()
-                .and_then(|entries| entries.iter().find(|entry| entry.key == key))
-                .and_then(|entry| entry.value.clone())
-                .ok_or_else(|| stranger(key))
+fn to_parquet(table: &Table) -> Result<Vec<u8>, ParquetError> {
+    let mut fields = vec![Arc::new(
+        Type::primitive_type_builder("cell", Physical::INT64)
+            .with_repetition(Repetition::REQUIRED)
+            .build()?,
+    )];
+    for column in &table.columns {
+        let of = |physical| Type::primitive_type_builder(&column.name, physical);
+        let builder = match column.kind {
+            Kind::Number => of(Physical::DOUBLE),
+            Kind::Whole => of(Physical::INT64).with_converted_type(ConvertedType::UINT_64),
+            Kind::Text => of(Physical::BYTE_ARRAY).with_converted_type(ConvertedType::UTF8),
+            Kind::Flag => of(Physical::BOOLEAN),
         };
-        let columns = metadata
-            .schema_descr()
-            .columns()
-            .iter()
-            .skip(1)
-            .map(|column| Column {
-                name: column.name().to_owned(),
-                kind: match column.physical_type() {
-                    Physical::BYTE_ARRAY => Kind::Text,
-                    Physical::INT64 => Kind::Whole,
-                    _ => Kind::Number,
-                },
-            })
-            .collect();
-        let mut rows = BTreeMap::new();
-        for record in reader.get_row_iter(None).map_err(damaged)? {
-            let record = record.map_err(damaged)?;
-            let mut cell = None;
-            let mut row = Row::new();
-            for (index, (_, field)) in record.get_column_iter().enumerate() {
-                match field {
-                    Field::Long(number) if index == 0 => cell = usize::try_from(*number).ok(),
-                    Field::Double(number) => row.push(Value::Number(*number)),
-                    Field::ULong(whole) => row.push(Value::Whole(*whole)),
-                    Field::Str(text) => row.push(Value::Text(text.clone())),
-                    _ => return Err(stranger("a table of numbers and words")),
-                }
-            }
-            rows.insert(cell.ok_or_else(|| stranger("the cell column"))?, row);
-        }
-        Ok(Self {
-            study: entry("study")?,
-            fingerprint: Fingerprint::new(entry("fingerprint")?),
-            shard: entry("shard")?.parse().map_err(|_| stranger("a readable shard"))?,
-            cells: entry("cells")?.parse().map_err(|_| stranger("a readable number of cells"))?,
-            parameters: serde_json::from_str(&entry("parameters")?)
-                .map_err(|_| stranger("readable parameters"))?,
-            columns,
-            rows,
-        })
+        fields.push(Arc::new(builder.with_repetition(Repetition::REQUIRED).build()?));
     }
+    let schema = Arc::new(Type::group_type_builder("study").with_fields(fields).build()?);
+    let entry = |key: &str, value: String| KeyValue::new(key.to_owned(), Some(value));
+    let properties = WriterProperties::builder()
+        .set_key_value_metadata(Some(vec![
+            entry("study", table.study.clone()),
+            entry("fingerprint", table.fingerprint.to_string()),
+            entry("shard", table.shard.to_string()),
+            entry("cells", table.cells.to_string()),
+            entry("parameters", table.parameters.to_string()),
+            entry("columns", serde_json::json!(table.columns).to_string()),
+        ]))
+        .build();
+    let mut writer = SerializedFileWriter::new(Vec::new(), schema, Arc::new(properties))?;
+    let mut group = writer.next_row_group()?;
+
+    let cells: Vec<i64> = table.rows.keys().map(|cell| *cell as i64).collect();
+    if let Some(mut column) = group.next_column()? {
+        column.typed::<Int64Type>().write_batch(&cells, None, None)?;
+        column.close()?;
+    }
+    for column in &table.columns {
+        let Some(mut out) = group.next_column()? else { break };
+        match column.kind {
+            Kind::Number => {
+                let numbers = table.numbers(&column.name);
+                out.typed::<DoubleType>().write_batch(&numbers, None, None)?;
+            }
+            Kind::Whole => {
+                let whole = table.values(&column.name, Value::whole);
+                let whole: Vec<i64> = whole.into_iter().map(u64::cast_signed).collect();
+                out.typed::<Int64Type>().write_batch(&whole, None, None)?;
+            }
+            Kind::Flag => {
+                let flags = table.values(&column.name, Value::flag);
+                out.typed::<BoolType>().write_batch(&flags, None, None)?;
+            }
+            Kind::Text => {
+                let words: Vec<ByteArray> =
+                    table.texts(&column.name).into_iter().map(ByteArray::from).collect();
+                out.typed::<ByteArrayType>().write_batch(&words, None, None)?;
+            }
+        }
+        out.close()?;
+    }
+    group.close()?;
+    writer.into_inner()
+}
+
+/// Reads a table that [`write()`] wrote.
+///
+/// # Errors
+/// When the file is missing, damaged, or of something else.
+pub fn read(path: &Path) -> Result<Table, TableError> {
+    let file = flix_host::system::file::open(path)
+        .map_err(|source| TableError::File { path: path.to_owned(), source })?;
+    let damaged = |source| TableError::Parquet { path: path.to_owned(), source };
+    let stranger =
+        |what: &str| TableError::Stranger { path: path.to_owned(), what: what.to_owned() };
+    let reader = SerializedFileReader::new(file).map_err(damaged)?;
+    let metadata = reader.metadata().file_metadata();
+    let entry = |key: &str| {
+        metadata
+            .key_value_metadata()
+            .and_then(|entries| entries.iter().find(|entry| entry.key == key))
+            .and_then(|entry| entry.value.clone())
+            .ok_or_else(|| stranger(key))
+    };
+    let mut rows = BTreeMap::new();
+    for record in reader.get_row_iter(None).map_err(damaged)? {
+        let record = record.map_err(damaged)?;
+        let mut cell = None;
+        let mut row = Row::new();
+        for (index, (_, field)) in record.get_column_iter().enumerate() {
+            match field {
+                Field::Long(number) if index == 0 => cell = usize::try_from(*number).ok(),
+                Field::Double(number) => row.push(Value::Number(*number)),
+                Field::ULong(whole) => row.push(Value::Whole(*whole)),
+                Field::Str(text) => row.push(Value::Text(text.clone())),
+                Field::Bool(flag) => row.push(Value::Flag(*flag)),
+                _ => return Err(stranger("a table of numbers and words")),
+            }
+        }
+        rows.insert(cell.ok_or_else(|| stranger("the cell column"))?, row);
+    }
+    Ok(Table {
+        study: entry("study")?,
+        fingerprint: Fingerprint::parse(entry("fingerprint")?),
+        shard: entry("shard")?.parse().map_err(|_| stranger("a readable shard"))?,
+        cells: entry("cells")?.parse().map_err(|_| stranger("a readable number of cells"))?,
+        parameters: json(&entry("parameters")?).ok_or_else(|| stranger("readable parameters"))?,
+        columns: json(&entry("columns")?).ok_or_else(|| stranger("readable columns"))?,
+        rows,
+    })
+}
+
+fn json<T: DeserializeOwned>(text: &str) -> Option<T> {
+    serde_json::from_str(text).ok()
 }
 
 /// Joins the tables of all shards into that of the whole study.
@@ -273,7 +219,7 @@ impl Table {
 pub fn merge(paths: &[PathBuf]) -> Result<Table, TableError> {
     let mut whole: Option<Table> = None;
     for path in paths {
-        let shard = Table::read(path)?;
+        let shard = read(path)?;
         let Some(merged) = &mut whole else {
             whole = Some(shard);
             continue;

@@ -1,5 +1,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use flix_sim::study::Column;
+
 use super::*;
 
 /// Squares of the cells' numbers, counted, failing from one cell on when asked to.
@@ -62,9 +64,14 @@ fn options(folder: &Path, shard: &str) -> Options {
     Options {
         folder: folder.to_owned(),
         shard: shard.parse().unwrap(),
-        restart: false,
+        earlier: Earlier::Unfinished,
         interrupt: Interrupt::never(),
     }
+}
+
+/// As `options`, with all results that are there.
+fn resumed(folder: &Path) -> Options {
+    Options { earlier: Earlier::All, ..options(folder, "1/1") }
 }
 
 #[test]
@@ -78,7 +85,7 @@ fn shards_merged_equal_one_run() {
         files.push(options.path("results", "parquet"));
     }
     assert_eq!(merge(&files).unwrap(), whole);
-    assert_eq!(Table::read(&folder.path().join("results.parquet")).unwrap(), whole);
+    assert_eq!(read(&folder.path().join("results.parquet")).unwrap(), whole);
 }
 
 #[test]
@@ -117,7 +124,7 @@ fn cells_of_other_parameters_are_refused_and_kept() {
     let refused = run(&other, &options(folder.path(), "1/1"));
     assert!(matches!(refused, Err(StudyError::Journal(JournalError::Other { .. }))));
     let again = Squares::new(5);
-    run(&again, &options(folder.path(), "1/1")).unwrap();
+    run(&again, &resumed(folder.path())).unwrap();
     assert_eq!(again.computed.into_inner(), 0);
 }
 
@@ -145,7 +152,7 @@ fn a_file_of_something_else_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("results.parquet");
     std::fs::write(&path, "not parquet").unwrap();
-    assert!(matches!(Table::read(&path), Err(TableError::Parquet { .. })));
+    assert!(matches!(read(&path), Err(TableError::Parquet { .. })));
 }
 
 #[test]
@@ -161,13 +168,13 @@ fn a_second_process_in_the_folder_is_refused_and_changes_nothing() {
     let path = folder.path().join("cells.csv");
     let other = std::fs::File::open(&path).unwrap();
     other.lock().unwrap();
-    for restart in [false, true] {
-        let refused = run(&Squares::new(5), &Options { restart, ..options(folder.path(), "1/1") });
+    for earlier in [Earlier::Unfinished, Earlier::All, Earlier::Forget] {
+        let refused = run(&Squares::new(5), &Options { earlier, ..options(folder.path(), "1/1") });
         assert!(matches!(refused, Err(StudyError::Journal(JournalError::Busy { .. }))));
     }
     drop(other);
     let again = Squares::new(5);
-    assert_eq!(run(&again, &options(folder.path(), "1/1")).unwrap(), whole);
+    assert_eq!(run(&again, &resumed(folder.path())).unwrap(), whole);
     assert_eq!(again.computed.into_inner(), 0);
 }
 
@@ -205,7 +212,46 @@ fn rows_that_end_as_on_windows_are_kept() {
     let text = std::fs::read_to_string(&path).unwrap();
     std::fs::write(&path, text.replace('\n', "\r\n")).unwrap();
     let again = Squares::new(5);
-    assert_eq!(run(&again, &options(folder.path(), "1/1")).unwrap(), whole);
+    assert_eq!(run(&again, &resumed(folder.path())).unwrap(), whole);
     assert_eq!(again.computed.into_inner(), 0);
     assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+}
+
+#[test]
+fn a_finished_run_is_computed_anew_unless_its_results_are_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let computed = |options: &Options| {
+        let study = Squares::new(5);
+        run(&study, options).unwrap();
+        study.computed.into_inner()
+    };
+    let anew = options(folder.path(), "1/1");
+    assert_eq!([&anew, &anew, &resumed(folder.path())].map(computed), [5, 5, 0]);
+}
+
+#[test]
+fn another_program_computes_anew_and_never_takes_the_cells_of_the_former() {
+    let folder = tempfile::tempdir().unwrap();
+    let run_by = |program: &str, options: &Options| {
+        let study = Squares { interrupt_after: 6, ..Squares::new(300) };
+        let options = Options { interrupt: study.interrupt.clone(), ..options.clone() };
+        let outcome = run_as(&study, &options, fingerprint_by(&study, program));
+        (outcome, study.computed.into_inner())
+    };
+    let (interrupted, first) = run_by("one", &options(folder.path(), "1/1"));
+    assert!(matches!(interrupted, Err(StudyError::Interrupted { .. })));
+    let (refused, _) = run_by("other", &resumed(folder.path()));
+    assert!(matches!(refused, Err(StudyError::Journal(JournalError::Other { .. }))));
+    let (again, second) = run_by("other", &options(folder.path(), "1/1"));
+    let Err(StudyError::Interrupted { finished, .. }) = again else { panic!("{again:?}") };
+    assert_eq!((finished, first > 0), (second, true));
+}
+
+#[test]
+fn the_fingerprint_changes_with_the_program_and_its_first_half_with_the_parameters() {
+    let [one, other] = [1.0, 2.0].map(|scale| Squares { scale, ..Squares::new(5) });
+    let [a, b] = ["a", "b"].map(|program| fingerprint_by(&one, program));
+    assert_eq!((a.parameters(), a == b), (b.parameters(), false));
+    assert_ne!(fingerprint_by(&other, "a").parameters(), a.parameters());
+    assert_eq!(fingerprint(&one), fingerprint(&one));
 }

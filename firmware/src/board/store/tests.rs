@@ -4,7 +4,6 @@ use std::vec::Vec;
 use super::model::{Flash, Protection, Rise, SECTOR, SECTORS};
 use super::*;
 
-mod release_1;
 mod sequences;
 
 const OLD: &[u8] = b"the old key, which somebody knows";
@@ -262,137 +261,6 @@ fn a_region_of_one_sector_is_refused() {
     assert_eq!(store.save(0, b"x"), Err(StoreError::Full));
 }
 
-/// A store of an earlier release, settings saved so often before and after the key.
-fn earlier(saves: usize) -> Flash {
-    let mut flash = Flash::new();
-    for _ in 0..saves {
-        release_1::save(&mut flash, SETTINGS, &[0xAA; 400]).unwrap();
-    }
-    release_1::save(&mut flash, PROVISIONING, OLD).unwrap();
-    release_1::save(&mut flash, SETTINGS, &[0xBB; 400]).unwrap();
-    flash
-}
-
-#[test]
-fn what_earlier_releases_stored_is_read_wherever_it_is() {
-    for saves in 0..130 {
-        let mut store = store(earlier(saves));
-        for _ in 0..2 {
-            assert_eq!(loaded(&mut store, PROVISIONING).as_deref(), Some(OLD), "{saves} saves");
-            assert_eq!(loaded(&mut store, SETTINGS), Some(vec![0xBB; 400]), "{saves} saves");
-            assert_eq!(loaded(&mut store, 254), None);
-            store.sweep().unwrap();
-        }
-        assert!(!store.flash.holds(&[0xAA; 400]), "after {saves} saves");
-    }
-}
-
-#[test]
-fn earlier_releases_entries_of_every_length_are_read() {
-    for length in 0..=512 {
-        let mut flash = Flash::new();
-        let bytes: Vec<u8> = (0..length).map(|index| (index * 7) as u8).collect();
-        release_1::save(&mut flash, SETTINGS, &bytes).unwrap();
-        let mut store = store(flash);
-        assert_eq!(loaded(&mut store, SETTINGS), Some(bytes.clone()));
-        store.save(PROVISIONING, OLD).unwrap();
-        assert_eq!(loaded(&mut store, SETTINGS), Some(bytes));
-    }
-}
-
-#[test]
-fn the_change_over_from_an_earlier_release_may_be_torn_anywhere() {
-    for (seed, share) in (1..).zip(SHARES) {
-        for fading in FADINGS {
-            let before = earlier(3 + 11 * seed as usize);
-            cut(
-                &before,
-                (share, seed, 5),
-                |flash| {
-                    let mut store = store(flash.clone());
-                    let finished =
-                        store.sweep().is_ok() && store.save_and_sweep(PROVISIONING, NEW).is_ok();
-                    *flash = store.flash;
-                    finished
-                },
-                |flash, acknowledged, at| {
-                    let what = std::format!("{share} of operation {at}, fading {fading}");
-                    check_two_starts(flash, acknowledged, fading, &what);
-                },
-            );
-        }
-    }
-}
-
-#[test]
-fn a_key_that_is_replaced_right_after_the_change_of_releases_is_old_or_new() {
-    for (seed, share) in (1..).zip(SHARES) {
-        for fading in FADINGS {
-            let before = earlier(2 + 7 * seed as usize);
-            cut(
-                &before,
-                (share, seed, 5),
-                |flash| {
-                    let mut store = store(flash.clone());
-                    let finished = store.save_and_sweep(PROVISIONING, NEW).is_ok();
-                    *flash = store.flash;
-                    finished
-                },
-                |flash, acknowledged, at| {
-                    let what = std::format!("{share} of operation {at}, fading {fading}");
-                    check_two_starts(flash, acknowledged, fading, &what);
-                },
-            );
-        }
-    }
-}
-
-#[test]
-fn what_an_earlier_release_left_torn_is_old_or_new_in_this_one() {
-    for (seed, share) in (1..).zip(SHARES) {
-        for (offset, fading) in FADINGS.into_iter().enumerate() {
-            let before = earlier(2 + 4 * seed as usize + offset);
-            cut(
-                &before,
-                (share, seed, 97),
-                |flash| release_1::save_and_sweep(flash, PROVISIONING, NEW).is_ok(),
-                |flash, acknowledged, at| {
-                    let what = std::format!("{share} of operation {at}, fading {fading}");
-                    check_two_starts(flash, acknowledged, fading, &what);
-                },
-            );
-        }
-    }
-}
-
-#[test]
-fn the_change_over_may_be_torn_after_the_earlier_release_was() {
-    for (seed, share) in (1..).zip(SHARES) {
-        let fading = FADINGS[seed as usize % FADINGS.len()];
-        let before = earlier(5 * seed as usize);
-        cut(
-            &before,
-            (share, seed, 997),
-            |flash| release_1::save_and_sweep(flash, PROVISIONING, NEW).is_ok(),
-            |mut flash, acknowledged, at| {
-                flash.start(fading);
-                for cut in [1, 2, 10] {
-                    for rise in RISES {
-                        let mut flash = flash.with_seed(cut + seed);
-                        let what = std::format!(
-                            "{share} of operation {at}, {rise:?}, fading {fading}, then {cut}"
-                        );
-                        (flash.power, flash.share, flash.rise) = (cut as usize, share, rise);
-                        let mut store = store(flash);
-                        let _ = store.sweep();
-                        check_two_starts(store.flash, acknowledged, fading, &what);
-                    }
-                }
-            },
-        );
-    }
-}
-
 /// What a save and a sweep report, and what is there after the next start.
 fn changed(flash: Flash) -> (Result<(), StoreError>, FlashStore<Flash>) {
     let mut store = store(flash);
@@ -405,7 +273,7 @@ fn changed(flash: Flash) -> (Result<(), StoreError>, FlashStore<Flash>) {
 #[test]
 fn flash_that_takes_nothing_is_an_error_and_the_old_stays() {
     for protection in [Protection::Silent, Protection::Reported] {
-        for before in [Flash::new(), used(3).flash, earlier(3)] {
+        for before in [Flash::new(), used(3).flash] {
             let mut flash = before.clone();
             flash.protection = [protection; SECTORS];
             let had = loaded(&mut store(before), PROVISIONING);
@@ -476,20 +344,18 @@ fn reading_that_fails_once_is_tried_again() {
 
 #[test]
 fn reading_that_fails_for_ever_is_an_error_and_nothing_is_lost() {
-    for before in [used(5).flash, earlier(5)] {
-        for read in 0.. {
-            let mut flash = before.clone();
-            (flash.failing_read, flash.fails_for_ever) = (Some(read), true);
-            let (outcome, mut store) = changed(flash);
-            if outcome.is_ok() {
-                assert!(read > 200, "nothing was read");
-                break;
-            }
-            assert_eq!(outcome, Err(StoreError::Flash), "read {read}");
-            let key = loaded(&mut store, PROVISIONING).unwrap_or_default();
-            assert!(key == OLD || key == NEW, "read {read}");
-            assert_eq!(loaded(&mut store, SETTINGS), Some(vec![0xBB; 400]), "read {read}");
+    for read in 0.. {
+        let mut flash = used(5).flash;
+        (flash.failing_read, flash.fails_for_ever) = (Some(read), true);
+        let (outcome, mut store) = changed(flash);
+        if outcome.is_ok() {
+            assert!(read > 200, "nothing was read");
+            break;
         }
+        assert_eq!(outcome, Err(StoreError::Flash), "read {read}");
+        let key = loaded(&mut store, PROVISIONING).unwrap_or_default();
+        assert!(key == OLD || key == NEW, "read {read}");
+        assert_eq!(loaded(&mut store, SETTINGS), Some(vec![0xBB; 400]), "read {read}");
     }
 }
 

@@ -35,8 +35,9 @@ const STUDIES: [(&str, bool); 7] = [
     ("mobility", true),
     ("sensitivity mass", true),
     ("sensitivity friction", true),
-    ("select", true),
-    ("select --statements", true),
+    // The walks of both.
+    ("select --resume", true),
+    ("select --resume --statements", true),
 ];
 
 /// Runs every study by `run`, which takes one of the commands `C`.

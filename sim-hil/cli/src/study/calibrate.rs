@@ -15,6 +15,7 @@ use crate::error::Error;
 use crate::output::{print, progress, row, table};
 use flix_sim::experiment::walk::WalkDrive;
 use flix_sim::model::RobotModel;
+use flix_sim::study::Shard;
 use flix_study::calibrate::{
     self, CalibrationError, Fit, Generation, Goal, Progress, Settings, Start, Trial, Unknown,
     WIDEST, unknowns, values, write_model,
@@ -24,7 +25,7 @@ use flix_study::figure::overlay;
 use flix_study::measured::{self, Measured};
 use flix_study::modes::{Component, PaperMode, paper_modes, score_modes, shuffled_modes};
 use flix_study::sweep::{Cell, SECONDS, Sweep, Variant, cells};
-use flix_study::{Options, Shard};
+use flix_study::{Earlier, Options};
 
 /// First seed of the walks that judge the result: none of the search's.
 const FRESH_SEED: u64 = 1_000_001;
@@ -300,7 +301,7 @@ fn judge(
                 &Options {
                     folder: args.out.join("judgement"),
                     shard: Shard::WHOLE,
-                    restart: true,
+                    earlier: Earlier::Forget,
                     interrupt: settings.interrupt.clone(),
                 },
             )?;

@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::output::print;
 use flix_sim::experiment::walk::require_walker;
 use flix_sim::rig::shipped_mode_tables::shipped_table;
-use flix_study::Table;
+use flix_sim::study::Table;
 use flix_study::controllers::{CONTROLLERS, Controllers, Taken, is_better, taken, worst_third};
 
 /// Follow a figure eight with robots that no controller has seen: error, time and energy of the learned controller and of the

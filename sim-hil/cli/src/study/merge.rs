@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use super::options::{judged, show};
 use crate::error::Error;
+use crate::output::{outside, print};
 
 /// Join the results of all slices of a study and draw its figures
 #[derive(Debug, clap::Args)]
@@ -28,7 +29,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let table = flix_study::merge(&args.files)?;
     let beside = args.files.first().and_then(|file| file.parent()).map(PathBuf::from);
     let folder = args.out.clone().or(beside).unwrap_or_default();
-    table.write(&folder.join("results.parquet"))?;
+    flix_study::write(&table, &folder.join("results.parquet"))?;
     show(&judged(&table)?, &folder)?;
-    Ok(ExitCode::SUCCESS)
+    // Of a measurement: cells of a study have no limits.
+    print(&outside(&table))?;
+    let keeps = table.columns.iter().all(|column| column.limit.is_none()) || table.pass();
+    Ok(if keeps { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -13,8 +13,9 @@ use crate::output::{complain, print};
 use flix_sim::experiment::walk::{Shaking, WalkDrive, require_walker};
 use flix_sim::model::RobotModel;
 use flix_sim::rig::bench::{DIRECTIONS, FREQUENCIES};
+use flix_sim::study::{Shard, Study, Table};
 use flix_study::sweep::{Sweep, Variant, grid_of};
-use flix_study::{Options, Shard, Study, Table, figure};
+use flix_study::{Earlier, Options, figure};
 
 /// Returns the rows of a study's table that can be judged, and says which simulations failed.
 ///
@@ -52,26 +53,63 @@ pub struct RunArgs {
     /// Compute this slice of the cells only; `flix-sim study merge` joins slices
     #[arg(long, value_name = "I/N", default_value_t = Shard::WHOLE)]
     pub shard: Shard,
-    /// Folder for cells, table and figure [default: one for each study and its parameters, under out/study]
+    /// Folder for cells, table and figure [default: one for each command and its parameters, under out]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Forget what an earlier run left there
+    /// Take all results that an earlier run of this program left there, not those of an interrupted run alone
     #[arg(long)]
+    pub resume: bool,
+    /// Forget what an earlier run left there
+    #[arg(long, conflicts_with = "resume")]
     pub restart: bool,
 }
 
 impl RunArgs {
-    /// Returns where this study is kept.
+    /// Returns where this study is kept, by default below `root`.
     #[must_use]
-    pub fn folder(&self, study: &dyn Study) -> PathBuf {
+    pub fn folder_below(&self, root: &Path, study: &dyn Study) -> PathBuf {
         self.out.clone().unwrap_or_else(|| {
             // The hash distinguishes what the label does not.
-            let hash = study.fingerprint().to_string();
+            let hash = flix_study::fingerprint(study);
             let label = study.label().replace(|c: char| !c.is_alphanumeric() && c != '.', "-");
-            PathBuf::from("out/study")
-                .join(study.name())
-                .join(format!("{label}-{}", &hash[..FOLDER_HASH]))
+            root.join(format!("{label}-{}", &hash.parameters()[..FOLDER_HASH]))
         })
+    }
+
+    /// Returns where a study of the paper's is kept.
+    #[must_use]
+    pub fn folder(&self, study: &dyn Study) -> PathBuf {
+        self.folder_below(&Path::new("out/study").join(study.name()), study)
+    }
+
+    /// Computes what is missing of the slice.
+    ///
+    /// # Errors
+    /// When the study did not end; finished cells are kept.
+    pub fn compute(&self, study: &dyn Study, folder: &Path) -> Result<Table, Error> {
+        let options = Options {
+            folder: folder.to_owned(),
+            shard: self.shard,
+            earlier: match (self.resume, self.restart) {
+                (true, _) => Earlier::All,
+                (_, true) => Earlier::Forget,
+                _ => Earlier::Unfinished,
+            },
+            interrupt: listen()?,
+        };
+        Ok(flix_study::run(study, &options)?)
+    }
+
+    /// Returns a line that says where a slice is, and what is next; empty where it is the whole.
+    pub(crate) fn next(&self, study: &dyn Study, folder: &Path) -> String {
+        if self.shard == Shard::WHOLE {
+            return String::new();
+        }
+        let (name, folder) = (study.name(), folder.display());
+        format!(
+            "slice {} of {name} is in {folder}; when all are there: flix-sim study merge {folder}/results-*.parquet\n",
+            self.shard
+        )
     }
 
     /// Computes what is missing of the slice. None, after saying what is next, when that is not the whole.
@@ -79,23 +117,12 @@ impl RunArgs {
     /// # Errors
     /// When the study did not end; finished cells are kept.
     pub fn run(&self, study: &dyn Study) -> Result<Option<Table>, Error> {
-        let options = Options {
-            folder: self.folder(study),
-            shard: self.shard,
-            restart: self.restart,
-            interrupt: listen()?,
-        };
-        let table = flix_study::run(study, &options)?;
+        let folder = self.folder(study);
+        let table = self.compute(study, &folder)?;
         if self.shard == Shard::WHOLE {
             return judged(&table).map(Some);
         }
-        print(&format!(
-            "slice {} of {} is in {}; when all are there: flix-sim study merge {}/results-*.parquet\n",
-            self.shard,
-            study.name(),
-            options.folder.display(),
-            options.folder.display()
-        ))?;
+        print(&self.next(study, &folder))?;
         Ok(None)
     }
 }

@@ -14,6 +14,8 @@ use crate::error::Error;
 
 use crate::output::{headings, print, print_figures, row, table};
 use flix_sim::experiment::walk::Spread;
+use flix_sim::study::Shard;
+use flix_study::figure;
 use flix_study::selection::{
     Candidate, Exclusion, LEAST_SPEED, Robustness, Selected, TABLE_4, candidates, mode_table, rank,
     robustness, worthwhile,
@@ -21,7 +23,6 @@ use flix_study::selection::{
 use flix_study::sensitivity::Change;
 use flix_study::statements::{Claim, Verdict, claims};
 use flix_study::sweep::{Cell, cells};
-use flix_study::{Shard, figure};
 
 /// Pairs listed for each kind of motion.
 const LISTED: usize = 3;

@@ -1,5 +1,5 @@
-//! Sequences that are drawn: saves, keys that are given, changed and forgotten, by a store that begins empty, full of noise or
-//! as an earlier release left it; power goes in any of them and in the starts after them, sectors take nothing for a while,
+//! Sequences that are drawn: saves, keys that are given, changed and forgotten, by a store that begins empty or
+//! full of noise; power goes in any of them and in the starts after them, sectors take nothing for a while,
 //! cells fade or flicker.
 
 use super::*;
@@ -62,25 +62,8 @@ impl Robot {
             were_in_force: Vec::new(),
             draw: Draw(0),
         };
-        match draw.below(4) {
-            0 => robot.flash.fill_with_noise(),
-            1 if sectors == SECTORS => {
-                robot.flash = earlier(draw.below(70)).with_seed(seed);
-                robot.keys = vec![Some(OLD.to_vec())];
-                robot.settings = vec![Some(vec![0xBB; 400])];
-                robot.tried = vec![OLD.to_vec()];
-                if draw.once_in(2) {
-                    robot.keys.push(Some(NEW.to_vec()));
-                    robot.tried.push(NEW.to_vec());
-                    robot.flash.power = 1 + draw.below(7_000);
-                    robot.flash.share = draw.share();
-                    if release_1::save_and_sweep(&mut robot.flash, PROVISIONING, NEW).is_ok() {
-                        robot.keys.remove(0);
-                    }
-                    robot.flash.start(FADES[draw.below(FADES.len())]);
-                }
-            }
-            _ => {}
+        if draw.once_in(4) {
+            robot.flash.fill_with_noise();
         }
         robot.flash.flickers = draw.once_in(3);
         Self { draw, ..robot }
