@@ -552,7 +552,8 @@ fn who_takes_over_takes_no_arming_over() {
 #[test]
 fn a_page_whose_picture_is_older_than_the_last_halt_begins_nothing() {
     let stale = Duration::from_millis(200);
-    let halts: [(fn(&mut FakeRobot), Action, fn(&FakeRobot) -> bool); 3] = [
+    type Row = (fn(&mut FakeRobot), Action, fn(&FakeRobot) -> bool);
+    let halts: [Row; 3] = [
         (FakeRobot::halt, Action::Arm, |robot| robot.state == State::Disarmed),
         (FakeRobot::halt, Action::Walk(PaperMode::LeftTurn), |robot| {
             robot.setpoint == Setpoint::REST

@@ -9,7 +9,9 @@ use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Finding, Known, Step, commission};
 use flix_host::link::{Client, LinkError, RobotLink, Wish};
-use flix_protocol::message::{Command, Fault, Mark, Outcome, ParameterCommand, Setpoint};
+use flix_protocol::message::{
+    Command, Fault, Mark, Outcome, ParameterCommand, Setpoint, State, Telemetry,
+};
 use flix_protocol::units::Instant;
 use flix_sim::model::Electrical;
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, commission_unknown, measure};
@@ -289,8 +291,8 @@ impl RobotLink for Leaving<'_> {
         self.goes_on()?;
         self.robot.press(wish)?;
         if matches!(wish, Wish::Try(_)) && (self.is_lost)() {
-            // The trial begins.
-            self.robot.pause(Duration::from_millis(40))?;
+            let begins = |telemetry: &Telemetry| telemetry.state == State::Aligning;
+            self.robot.wait_for_telemetry(Duration::from_secs(3), begins)?;
             self.robot.operation.operators[0].is_gone = true;
             self.robot.pause(Duration::from_millis(300))?;
             self.robot.operation.operators[0].is_gone = false;

@@ -443,7 +443,7 @@ fn a_drive_whose_robot_restarts_says_so_and_stops_what_still_moves_alone() {
     {
         let mut robot = served.robot();
         robot.restart();
-        robot.state = State::Stopping;
+        robot.ramps_down_for = 1_000;
     }
     let ended = Ended(child.wait_with_output().unwrap());
     ended.expect(10, &["restarted", "has acknowledged a stop", "flix clear"]);

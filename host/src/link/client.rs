@@ -576,6 +576,10 @@ impl Client {
             }
             _ => Order::Off,
         };
+        // The robot has looked at it and is not driven, or never will obey it.
+        self.is_driving &= !self.telemetry.is_some_and(|it| {
+            it.state.is_idle() && (self.is_heard(&it) || order.permit() != Some(it.permit))
+        });
         self.set_order(now, rest);
         self.pressed = None;
         self.updates.push_back(Update::Ended { order, why });

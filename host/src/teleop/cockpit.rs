@@ -511,11 +511,10 @@ impl Cockpit {
             Outcome::Parameter(parameter) if self.asked.contains(&request) => {
                 self.current_limit = parameter.value;
             }
+            // A robot may lack a setting that was asked for at the beginning.
+            Outcome::Refused(_) if self.asked.contains(&request) => {}
             Outcome::Refused(refusal) => {
-                // A robot may lack this setting.
-                if !self.asked.contains(&request) {
-                    self.note(now, Weight::Warning, &format!("not done: {refusal}"));
-                }
+                self.note(now, Weight::Warning, &format!("not done: {refusal}"));
             }
             _ if about == Some(Answered::List) => {
                 if let Some(limit) = self.settings.value(CURRENT_LIMIT) {

@@ -356,12 +356,9 @@ impl FakeRobot {
     fn look(&mut self, now: Instant) {
         let order = self.wanted;
         let is_present = order.permit() == Some(self.permit);
+        let may_align = self.begins && !self.stopped && now.since(self.heard_at) < COMMAND_DEADLINE;
         match (self.state, order) {
-            (State::Disarmed, Order::Arm(_)) if is_present && self.begins && !self.stopped => {
-                if now.since(self.heard_at) < COMMAND_DEADLINE {
-                    self.align();
-                }
-            }
+            (State::Disarmed, Order::Arm(_)) if is_present && may_align => self.align(),
             (State::Disarmed | State::Faulted, Order::Clear(_)) if is_present && self.begins => {
                 self.clear();
             }

@@ -403,7 +403,8 @@ fn the_permit_counts_each_halt_once_and_no_calm_that_the_operator_asked_for() {
         desk.present = Faults::NONE;
         desk.tick();
     };
-    let halts: [(fn() -> Desk, Act, u32, Halt); 13] = [
+    type Row<'a> = (fn() -> Desk, Act<'a>, u32, Halt);
+    let halts: [Row; 13] = [
         (Desk::aligning, &finish, 1, Halt::Aligned),
         (Desk::trying, &finish, 1, Halt::Tried),
         (Desk::aligning, &|desk| silent(desk, COMMAND_DEADLINE), 1, Halt::LetGo),
