@@ -57,6 +57,9 @@ use readiness::{Judged, Steadiness};
 pub const EVENTS: usize = 32;
 /// Replies that wait to be sent. The network task sends after each datagram that it receives.
 const REPLIES: usize = 4;
+/// Longest time between two telemetry datagrams while an operator gives orders: an order states the newest datagram that its
+/// sender has received, and its age counts from there.
+const SLOWEST_TELEMETRY: Duration = Duration::from_millis(50);
 /// Time between two reports of the fast half.
 const REPORT_INTERVAL: Duration = Duration::from_millis(1);
 /// Handshake datagrams that wait to be sent.
@@ -927,7 +930,10 @@ impl Link {
         if now < self.telemetry_due || !self.is_counted() {
             return None;
         }
-        let interval = Duration::from_secs_f32(1.0 / settings.telemetry_rate);
+        let mut interval = Duration::from_secs_f32(1.0 / settings.telemetry_rate);
+        if self.order.is_some() {
+            interval = interval.min(SLOWEST_TELEMETRY);
+        }
         let next = self.telemetry_due + interval;
         self.telemetry_due = if next > now { next } else { now + interval };
         Some(ToOperator::Telemetry(self.telemetry(now, operator)))

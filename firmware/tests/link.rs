@@ -16,7 +16,7 @@ use flix_firmware::units::{Current, RotorAngle, Speed, Voltage};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, Fault, Faults, Identity, Magnet, Mark, Name, OperatorName, Outcome,
+    Command, Event, Fault, Faults, Identity, Magnet, Mark, Name, OperatorName, Order, Outcome,
     PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Permit, Refusal, ResetReason, ScopeCommand,
     ScopePlan, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
 };
@@ -762,6 +762,24 @@ fn of_too_many_events_the_newest_stay() {
     assert_eq!(events.len(), EVENTS);
     assert_eq!(events.iter().filter(|event| **event == Event::Cleared).count(), EVENTS - 1);
     assert_eq!(events.last(), Some(&Event::OperatorConnected(OperatorName::OWNER)));
+}
+
+#[test]
+fn an_operator_who_gives_orders_has_telemetry_of_at_most_50_ms() {
+    let mut ends = Ends::connected();
+    let rate = ParameterCommand::Set("telemetry_rate".try_into().unwrap(), 1.0);
+    assert!(matches!(ends.say(Command::Parameter(rate)), Outcome::Parameter(_)));
+    for (orders, least) in [(false, 0), (true, 19)] {
+        if orders {
+            let order = ends.seal(Command::Order(Order::Off));
+            ends.hear(&order);
+            ends.wait(Duration::from_secs(1));
+        }
+        ends.telemetry.clear();
+        ends.wait(Duration::from_millis(990));
+        let count = ends.telemetry.len();
+        assert!((least..=least + 1).contains(&count), "{orders}: {count}");
+    }
 }
 
 #[test]

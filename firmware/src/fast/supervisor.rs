@@ -32,7 +32,8 @@
 //! | Stopping for good, or braking | waits | waits | waits | waits | waits |
 //! | Faulted | stays | stays | stays | stays | p present: forgets stop and faults |
 //!
-//! Motors begin to be driven only while the link is in time and [`Asked::begins`] holds. A stop latches in every state
+//! Nothing is cleared, and no motor begins to be driven, by an order that is late or has expired; motors begin only while
+//! [`Asked::begins`] holds. A stop latches in every state
 //! ([`Asked::stops`]), and disarms as a session that begins or ends does ([`Asked::halts`]).
 //!
 //! Settings are taken over where the rotors rest. Aligning, and so arming, begins once they are; where the rotors do not come
@@ -253,19 +254,18 @@ impl Supervisor {
         self.ramp_down_and_disarm();
     }
 
-    /// Returns whether the order carries the present permit.
-    fn is_permitted(&self, asked: &Asked) -> bool {
-        asked.permit == self.permit
+    /// Returns whether the order carries the present permit and has come in time, so that it may begin or clear something.
+    fn is_permitted(&self, now: Instant, asked: &Asked) -> bool {
+        let silence = now.as_micros().saturating_sub(asked.heard.as_micros());
+        asked.permit == self.permit && silence < LINK_LATE_US && now <= asked.expires
     }
 
     /// Begins to align, or with a trial, after which the robot is disarmed again.
     #[cold]
     fn begin(&mut self, now: Instant, asked: &Asked) {
-        let silence = now.as_micros().saturating_sub(asked.heard.as_micros());
-        let is_in_time = silence < LINK_LATE_US && now <= asked.expires;
         let trial = asked.trial.filter(|_| asked.wanted == Wanted::Try);
         let is_whole = trial.is_some() == (asked.wanted == Wanted::Try);
-        if asked.begins && is_whole && is_in_time && self.is_permitted(asked) {
+        if asked.begins && is_whole && self.is_permitted(now, asked) {
             self.trial = trial;
             self.enter(State::Aligning);
         }
@@ -286,8 +286,8 @@ impl Supervisor {
 
     /// Forgets the stop, and the faults whose cause is gone. Reported where something was forgotten.
     #[cold]
-    fn clear(&mut self, asked: &Asked, conditions: &Conditions) {
-        if !self.is_permitted(asked) {
+    fn clear(&mut self, now: Instant, asked: &Asked, conditions: &Conditions) {
+        if !self.is_permitted(now, asked) {
             return;
         }
         let mut is_news = core::mem::take(&mut self.stopped);
@@ -358,7 +358,7 @@ impl Supervisor {
             State::Disarmed => {
                 match asked.wanted {
                     Wanted::Arm | Wanted::Try if !self.stopped => self.begin(now, asked),
-                    Wanted::Clear if self.stopped => self.clear(asked, conditions),
+                    Wanted::Clear if self.stopped => self.clear(now, asked, conditions),
                     _ => {}
                 }
                 match self.state {
@@ -371,7 +371,7 @@ impl Supervisor {
             State::Stopping => self.stop(asked, conditions),
             State::Faulted => {
                 if asked.wanted == Wanted::Clear && (self.stopped || self.ticks >= BRAKE_TICKS) {
-                    self.clear(asked, conditions);
+                    self.clear(now, asked, conditions);
                 }
                 match self.state {
                     State::Faulted => self.make_safe(conditions),
@@ -410,7 +410,7 @@ impl Supervisor {
 
     #[inline]
     fn shake(&mut self, asked: &Asked, conditions: &Conditions) -> Drive {
-        let is_followed = asked.wanted == Wanted::Shake && self.is_permitted(asked);
+        let is_followed = asked.wanted == Wanted::Shake && asked.permit == self.permit;
         let frequency = if is_followed { asked.frequency } else { Speed::ZERO };
         if matches!(asked.wanted, Wanted::Off | Wanted::Try) {
             core::hint::cold_path();

@@ -344,6 +344,37 @@ fn an_earlier_permit_begins_nothing_and_clears_nothing() {
 }
 
 #[test]
+fn an_order_to_clear_that_is_late_or_has_expired_clears_nothing() {
+    let stopped = || {
+        let mut desk = Desk::disarmed();
+        stop(&mut desk, false);
+        desk
+    };
+    let faulted = || {
+        let mut desk = Desk::running().faulted(Fault::Stall);
+        for _ in 0..=BRAKE_TICKS {
+            desk.tick();
+        }
+        desk.present = Faults::NONE;
+        desk
+    };
+    for from in [stopped as fn() -> Desk, faulted] {
+        let latched = |desk: &Desk| desk.supervisor.stopped || desk.state() == State::Faulted;
+        for (silence, life, stays) in [
+            (LINK_LATE - MICROSECOND, LINK_LATE, false),
+            (LINK_LATE, LINK_LOST, true),
+            (2 * MICROSECOND, MICROSECOND, true),
+        ] {
+            let mut desk = from();
+            desk.want(Wanted::Clear);
+            desk.asked.expires = desk.asked.heard + life;
+            desk.after(silence);
+            assert_eq!(latched(&desk), stays, "{silence:?} {life:?}");
+        }
+    }
+}
+
+#[test]
 fn another_trial_ends_the_one_under_way_and_is_no_halt() {
     let mut desk = Desk::trying();
     let before = desk.halts();
