@@ -46,8 +46,8 @@ pub enum Wanted {
     Clear,
 }
 
-/// What the slow half asks, handed over whole in every tick: the order in force as a level, and counters of what must not be
-/// lost when a newer order takes its place.
+/// The slow half's demand, handed over whole in every tick: the order in force as a level, and counters of stops and halts, which
+/// must not be lost when a newer order takes the place of an older one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Asked {
     /// Kind of the order in force.

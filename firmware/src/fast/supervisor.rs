@@ -351,7 +351,7 @@ impl Supervisor {
         }
     }
 
-    /// Obeys the order in force, and does what the state does then.
+    /// Obeys the order in force, and returns the drive of the state that this leads to.
     #[inline]
     fn advance(&mut self, now: Instant, asked: &Asked, conditions: &Conditions) -> Drive {
         match self.state {

@@ -1,5 +1,4 @@
-//! The one table of who moves the robot: what follows each order in each state, for operators who know of the last halt and
-//! for operators who do not.
+//! The table of orders: the states that follow each order in each state, with the present permit and with an earlier one.
 //!
 //! An order goes out over the session every 20 ms, as a client repeats it, and link and supervisor obey it together. Motors and
 //! rotors are a few lines of the test: alignment takes 0.1 s, a ramp down 0.1 s.
@@ -107,7 +106,7 @@ enum From {
     Disarming,
     /// Disarmed, with a stop of the operator's own.
     Stopped,
-    /// Disarmed, with a stop of somebody else.
+    /// Disarmed, with a stop of a second operator.
     StoppedFromOutside,
     Faulted,
     FaultedAndStopped,
@@ -290,7 +289,7 @@ impl Pair {
         }
     }
 
-    /// Lets somebody want this for so long who knows of all halts.
+    /// Gives an order with the present permit, for so many ticks.
     fn hold(&mut self, want: Want, ticks: u32) {
         self.want(want, self.permit());
         self.idle(ticks);

@@ -228,7 +228,7 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
     pub(super) fn clear(&mut self, step: Step) -> Done<(), S> {
         self.await_state(step, State::Faulted, true)?;
         for _ in 0..LOOKS {
-            // A stop is of somebody who has to be asked.
+            // A program clears no stop: the operator who stopped the robot has to agree.
             if self.robot.telemetry().is_some_and(|it| it.stopped) {
                 self.robot.refused(Refusal::Stopped)?;
             }

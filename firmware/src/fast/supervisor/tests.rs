@@ -49,7 +49,7 @@ impl Desk {
         desk
     }
 
-    /// Gives an order of somebody who knows of the last halt.
+    /// Gives an order with the present permit.
     fn want(&mut self, wanted: Wanted) {
         self.asked.want(wanted, self.supervisor.permit);
     }
@@ -109,13 +109,13 @@ impl Desk {
     }
 }
 
-/// Gives an order of somebody who knows of the last halt, for one tick.
+/// Gives an order with the present permit, and does one tick.
 fn ask(desk: &mut Desk, wanted: Wanted) -> Drive {
     desk.want(wanted);
     desk.tick()
 }
 
-/// Latches a stop; `from_outside`: of somebody else than the operator.
+/// Latches a stop. `from_outside`: a second operator asks for it.
 fn stop(desk: &mut Desk, from_outside: bool) -> Drive {
     desk.asked.stops += 1;
     desk.asked.halts += u8::from(from_outside);
