@@ -59,7 +59,7 @@ pub const EVENTS: usize = 32;
 const REPLIES: usize = 4;
 /// Longest time between two telemetry datagrams while an operator gives orders: an order states the newest datagram that its
 /// sender has received, and its age counts from there.
-const SLOWEST_TELEMETRY: Duration = Duration::from_millis(50);
+const SLOWEST_TELEMETRY: Duration = Duration::from_millis(20);
 /// Time between two reports of the fast half.
 const REPORT_INTERVAL: Duration = Duration::from_millis(1);
 /// Handshake datagrams that wait to be sent.
@@ -525,7 +525,7 @@ impl Link {
             Command::Arm => self.arm(now, halts, tuning.settings())?,
             Command::Disarm => self.disarm(),
             Command::Stop => self.stop(now, self.session.operator(now)),
-            Command::Clear => self.clear(halts)?,
+            Command::Clear => self.clear(now, halts)?,
             Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
             Command::Trial(trial) => return self.try_out(now, (request, halts), trial).map(Some),
             Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
@@ -575,6 +575,7 @@ impl Link {
         settings: &Settings,
     ) {
         self.order = Some(order);
+        self.telemetry_due = self.telemetry_due.min(now + SLOWEST_TELEMETRY);
         let late = late.map(|[age_ms, limit_ms]| Withheld::Late { age_ms, limit_ms });
         let range = |is_good: bool| (!is_good).then_some(Withheld::Range);
         self.withheld = match order {
@@ -635,7 +636,8 @@ impl Link {
             | (Order::Arm(_), State::Aligning | State::Armed | State::Running)
             | (Order::Try(..), State::Aligning) => None,
             (Order::Clear(_), State::Disarmed | State::Faulted) => {
-                ((stopped || !faults.is_empty()) && is_old).then_some(Withheld::Permit)
+                let is_latched = stopped || !faults.is_empty();
+                is_old.then_some(Withheld::Permit).or(self.withheld).filter(|_| is_latched)
             }
             _ if self.withheld.is_some_and(|it| it != Withheld::LinkUnproven) => self.withheld,
             (Order::Clear(_), _) => Some(Withheld::State),
@@ -818,7 +820,7 @@ impl Link {
 
     /// Asks the fast half to clear. A latched stop is cleared only when the rotors have come to rest, and one from outside, as a
     /// fault, only by somebody who has heard of it.
-    fn clear(&mut self, halts: u8) -> Result<(), Refusal> {
+    fn clear(&mut self, now: Instant, halts: u8) -> Result<(), Refusal> {
         let is_unheard =
             |halt: Option<u8>| halt.is_some_and(|it| halts.wrapping_sub(it).cast_signed() < 0);
         if is_unheard(self.fault) {
@@ -833,6 +835,7 @@ impl Link {
         (self.stop_from_outside, self.fault) = (None, None);
         // While the motors are driven nothing is latched.
         if self.report.state.is_idle() && !self.is_beginning() {
+            self.note_sign_of_life(now);
             self.asked.want(Wanted::Clear, self.report.permit);
         }
         Ok(())

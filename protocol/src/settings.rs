@@ -46,7 +46,7 @@ macro_rules! settings_table {
                 over_voltage: "V", real, 6.0 ..= 40.0, 14.0, "Bus voltage that trips the over-voltage fault: more than a full pack can have.";
                 over_speed: "Hz", real, 10.0 ..= 200.0, 45.0, "Rotor speed that trips the over-speed fault: no command asks for more than 35 Hz.";
                 command_age: "s", real, 0.1 ..= 1.0, $crate::failsafe::COMMAND_AGE_SECONDS, "Age above which a command does not count and the rotors ramp down: the time since the robot sent what the operator had last received.";
-                telemetry_rate: "Hz", real, 1.0 ..= 100.0, 50.0, "Telemetry datagrams a second; at least 20 while an operator gives orders.";
+                telemetry_rate: "Hz", real, 1.0 ..= 100.0, 50.0, "Telemetry datagrams a second; at least 50 while an operator gives orders.";
             }
 
         }

@@ -227,10 +227,14 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
     /// Clears a fault that was expected; the robot lets it go once its motors were braked.
     pub(super) fn clear(&mut self, step: Step) -> Done<(), S> {
         self.await_state(step, State::Faulted, true)?;
+        let permit = self.permit();
         for _ in 0..LOOKS {
-            // A program clears no stop: the operator who stopped the robot has to agree.
+            // A program clears the fault that it expected, and neither another one nor a stop.
             if self.robot.telemetry().is_some_and(|it| it.stopped) {
                 self.robot.refused(Refusal::Stopped)?;
+            }
+            if self.permit() != permit {
+                self.check(step)?;
             }
             self.robot.press(Wish::Clear)?;
             self.robot.pause(LOOK)?;

@@ -173,7 +173,7 @@ pub struct Client {
     /// When the last session ended.
     ended: Instant,
     telemetry: Option<Telemetry>,
-    /// When the robot first stated the present permit.
+    /// When the robot first stated the present permit, or acknowledged the last stop.
     permitted_at: Instant,
     is_driving: bool,
     statistics: Statistics,
@@ -251,7 +251,7 @@ impl Client {
         let shown = self.telemetry.filter(|_| self.stop != StopState::Sending).ok_or(NotShown)?;
         match wish {
             // What is armed stays armed, and what is clear needs no clearing.
-            Wish::Arm if self.is_armed() && self.order.permit().is_some() => return Ok(()),
+            Wish::Arm if self.is_armed() && self.follows(shown.permit) => return Ok(()),
             Wish::Clear if !shown.stopped && shown.faults.is_empty() => return Ok(()),
             Wish::Clear => self.stop = StopState::None,
             Wish::Arm | Wish::Shake(_) | Wish::Try(_) => self.is_driving = true,
@@ -332,6 +332,11 @@ impl Client {
         self.order_since.is_some_and(|since| telemetry.heard >= since)
     }
 
+    /// Returns whether the order keeps a robot armed that states this permit.
+    fn follows(&self, shown: Permit) -> bool {
+        matches!(self.order, Order::Arm(_)) || self.order.permit() == Some(shown)
+    }
+
     fn is_armed(&self) -> bool {
         let state = self.telemetry.map(|it| it.state);
         matches!(state, Some(State::Armed | State::Running))
@@ -379,7 +384,8 @@ impl Client {
         self.telemetry.map(|telemetry| telemetry.permit)
     }
 
-    /// Returns when the robot first stated that permit: whoever saw the robot before has not seen its last halt.
+    /// Returns when the robot first stated that permit, or acknowledged a stop of this client: a picture of the robot that is older
+    /// shows neither its last halt nor that stop.
     #[must_use]
     pub const fn permitted_at(&self) -> Instant {
         self.permitted_at
@@ -488,8 +494,10 @@ impl Client {
             self.permitted_at = now;
         }
         self.telemetry = Some(telemetry);
-        let held = Duration::from_micros(telemetry.held_us.into());
-        self.statistics.heard(telemetry.heard, now, held);
+        if telemetry.held_us != u16::MAX {
+            let held = Duration::from_micros(telemetry.held_us.into());
+            self.statistics.heard(telemetry.heard, now, held);
+        }
         self.statistics.count(&telemetry.link, telemetry.heard, &self.session.health());
         let is_heard = self.is_heard(&telemetry);
         if self.stop == StopState::Sending {
@@ -530,7 +538,7 @@ impl Client {
         let is_next = order.permit().map(Permit::next) == Some(telemetry.permit);
         let is_driven = !telemetry.state.is_idle();
         match (order, telemetry.halt) {
-            (Order::Arm(_), Halt::Aligned) if is_driven => self.pressed = None,
+            (Order::Arm(_), Halt::Aligned | Halt::Rested) if is_driven => self.pressed = None,
             (Order::Shake(_, setpoint), _) if setpoint.frequency() == Hertz::ZERO && is_driven => {}
             (Order::Try(..), Halt::Tried) if is_next => self.disarm(now),
             (Order::Arm(_) | Order::Try(..), Halt::LetGo)
@@ -560,6 +568,12 @@ impl Client {
             Some(Withheld::Settings) if self.checking.is_none() => {
                 let check = Command::Parameter(ParameterCommand::Check);
                 self.checking = Some(self.request(now, check));
+            }
+            // A robot that is disarmed follows no walk.
+            Some(Withheld::State)
+                if matches!(self.order, Order::Shake(..)) && telemetry.state.is_idle() =>
+            {
+                self.end(now, Some(Refusal::State(telemetry.state)));
             }
             Some(Withheld::Faulted) => self.end(now, Some(Refusal::Faulted(telemetry.faults))),
             Some(Withheld::Stopped) => self.end(now, Some(Refusal::Stopped)),
@@ -733,6 +747,8 @@ impl Client {
         if self.stop == StopState::Sending {
             (self.stop, self.beside) = (StopState::Acknowledged, None);
             self.is_driving = false;
+            // Who saw the robot before has not seen this stop.
+            self.permitted_at = now;
             self.set_order(now, Order::Off);
             self.updates.push_back(Update::StopAcknowledged);
         }
@@ -776,11 +792,12 @@ impl Client {
                 pending.give_up_at = now + REQUEST_PATIENCE.max(pending.patience);
             }
         }
-        let updates = &mut self.updates;
+        let (updates, checking) = (&mut self.updates, &mut self.checking);
         self.pending.retain(|pending| {
             let is_alive = now < pending.give_up_at;
-            if !is_alive {
-                let request = pending.message.request;
+            let request = pending.message.request;
+            // The owner of the client has not asked for the check of the settings.
+            if !is_alive && checking.take_if(|it| *it == request).is_none() {
                 updates.push_back(match &pending.refusal {
                     Some(refusal) => {
                         Update::Answer { request, outcome: Outcome::Refused(refusal.clone()) }
@@ -831,7 +848,9 @@ const fn renewed(order: Order, permit: Permit) -> Order {
 /// Returns why the robot does not obey the newest order, as a refusal.
 fn refusal(telemetry: &Telemetry) -> Option<Refusal> {
     Some(match telemetry.withheld? {
-        Withheld::Permit | Withheld::Settings => Refusal::Rested,
+        // The sentence that names the setting has not come.
+        Withheld::Settings => return None,
+        Withheld::Permit => Refusal::Rested,
         Withheld::State => Refusal::State(telemetry.state),
         Withheld::Faulted => Refusal::Faulted(telemetry.faults),
         Withheld::Stopped => Refusal::Stopped,

@@ -327,11 +327,16 @@ pub trait RobotLink {
         mut press: impl FnMut(&mut Client, Instant) -> Result<(), NotShown>,
     ) -> Result<(), Self::Error> {
         let deadline = self.operate().1 + REQUEST_PATIENCE;
-        let pressed =
-            self.look_in_session(deadline, |client, now, _| match press(client, now) {
+        let pressed = self.look_in_session(deadline, |client, now, update| {
+            // Updates from before the wish are no answer to it.
+            if update.is_some() {
+                return None;
+            }
+            match press(client, now) {
                 Ok(()) => Some(true),
                 Err(NotShown) => (now >= deadline).then_some(false),
-            })?;
+            }
+        })?;
         if pressed { Ok(()) } else { Err(LinkError::Unanswered.into()) }
     }
 

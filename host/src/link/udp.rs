@@ -135,10 +135,21 @@ impl Connection {
             true => Some(first),
             false => self.wait_for_telemetry(TELEMETRY_LAG, is_known)?,
         };
-        if judged.is_none() {
+        let Some(judged) = judged else {
             return self.refused(Refusal::Stopped);
+        };
+        // Another halt since: whoever clears that has to mean it.
+        let mut newest = None;
+        self.press_by(|client, now| {
+            newest = client.telemetry().copied().filter(|it| it.permit != judged.permit);
+            if newest.is_some() { Ok(()) } else { client.press(now, Wish::Clear) }
+        })?;
+        if let Some(newest) = newest {
+            return match newest.faults.is_empty() {
+                true => self.refused(Refusal::Stopped),
+                false => Err(LinkError::faulted(&newest)),
+            };
         }
-        self.press(Wish::Clear)?;
         let mut last = None;
         let cleared = self.wait_for(CLEAR_PATIENCE + TELEMETRY_LAG, |_, update| match update {
             Update::Telemetry(telemetry) => {

@@ -474,7 +474,9 @@ impl Cockpit {
             Some(telemetry) if telemetry.state == State::Faulted => {
                 self.note(now, Weight::Warning, "faulted: press c to clear it first");
             }
-            _ => self.press(Wish::Arm, client, now),
+            _ => {
+                self.press(Wish::Arm, client, now);
+            }
         }
     }
 
@@ -486,10 +488,13 @@ impl Cockpit {
         self.press(Wish::Clear, client, now);
     }
 
-    fn press(&mut self, wish: Wish, client: &mut Client, now: Instant) {
-        if let Err(not_shown) = client.press(now, wish) {
+    /// Takes a wish; returns whether the client did, and says why not.
+    fn press(&mut self, wish: Wish, client: &mut Client, now: Instant) -> bool {
+        let pressed = client.press(now, wish);
+        if let Err(not_shown) = pressed {
             self.note(now, Weight::Warning, &format!("not done: {not_shown}"));
         }
+        pressed.is_ok()
     }
 
     fn answered(&mut self, request: u32, outcome: &Outcome, client: &mut Client, now: Instant) {
@@ -546,14 +551,15 @@ impl Cockpit {
     /// Commands a setpoint, if the robot is armed.
     fn want(&mut self, setpoint: Setpoint, client: &mut Client, now: Instant) -> bool {
         let state = self.telemetry.as_ref().map(|telemetry| telemetry.state);
-        let can_obey = matches!(state, Some(State::Armed | State::Running));
-        if can_obey && !self.is_stopping {
-            self.setpoint = setpoint;
-            client.want(now, setpoint);
-        } else {
+        if self.is_stopping || !matches!(state, Some(State::Armed | State::Running)) {
             self.note(now, Weight::Warning, "not armed: press Enter first");
+            return false;
         }
-        can_obey
+        let is_pressed = self.press(Wish::Shake(setpoint), client, now);
+        if is_pressed {
+            self.setpoint = setpoint;
+        }
+        is_pressed
     }
 
     fn rest(&mut self) {
