@@ -538,7 +538,7 @@ impl Client {
         let is_next = order.permit().map(Permit::next) == Some(telemetry.permit);
         let is_driven = !telemetry.state.is_idle();
         match (order, telemetry.halt) {
-            (Order::Arm(_), Halt::Aligned | Halt::Rested) if is_driven => self.pressed = None,
+            (Order::Arm(_), Halt::Aligned | Halt::Rested) if self.is_armed() => self.pressed = None,
             (Order::Shake(_, setpoint), _) if setpoint.frequency() == Hertz::ZERO && is_driven => {}
             (Order::Try(..), Halt::Tried) if is_next => self.disarm(now),
             (Order::Arm(_) | Order::Try(..), Halt::LetGo)
