@@ -189,11 +189,10 @@ impl Supervisor {
         if self.first_fault.is_none() {
             self.first_fault = faults.iter().next();
         }
-        for fault in faults.iter() {
-            if !self.faults.contains(fault) {
-                self.faults = self.faults.with(fault);
-                self.count(Halt::Fault);
-            }
+        let all = self.faults.union(faults);
+        if all != self.faults {
+            self.faults = all;
+            self.count(Halt::Fault);
         }
         if self.state != State::Faulted {
             // A ramp down needs both rotors under control; alignment has none to ramp down.
@@ -361,10 +360,8 @@ impl Supervisor {
                     Wanted::Clear if self.stopped => self.clear(now, asked, conditions),
                     _ => {}
                 }
-                match self.state {
-                    State::Aligning => self.align(asked, conditions),
-                    _ => self.rest(conditions),
-                }
+                // One that begins now does so in the next tick, which is not the longest then.
+                self.rest(conditions)
             }
             State::Aligning => self.align(asked, conditions),
             State::Armed | State::Running => self.shake(asked, conditions),

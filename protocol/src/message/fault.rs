@@ -67,6 +67,12 @@ impl Faults {
         Self(self.0 | 1 << fault as u8)
     }
 
+    /// Returns the faults of both sets.
+    #[must_use]
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
     /// Returns the set with this fault added where `is_present`; without a branch.
     #[must_use]
     pub const fn with_if(self, fault: Fault, is_present: bool) -> Self {
