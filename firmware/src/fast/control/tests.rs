@@ -91,6 +91,9 @@ fn works_with_swapped_wires_on_one_motor() {
 #[test]
 fn a_voltage_limit_counts_in_whichever_tick_it_holds() {
     let mut bench = running(FREE, 20.0, 30.0);
+    while !bench.control.timing.ticks.is_multiple_of(4) {
+        bench.tick();
+    }
     for _ in 0..40 {
         // A spike of the amplifiers between two updates of the shaker.
         let count = bench.control.timing.ticks as u32;
