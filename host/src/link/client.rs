@@ -1,7 +1,7 @@
-//! The client without a clock or a socket: repeats the one order of its operator as the sign of life, asks what is answered, and
-//! takes a lost link up again.
+//! The client without a clock or a socket: repeats the order of its operator as the sign of life, sends requests until they are
+//! answered, and opens a lost session again.
 //!
-//! What moves the robot or clears it is a [`Wish`], [pressed](Client::press) by a person or by a program that starts. It takes the
+//! An order that moves the robot or clears it is a [`Wish`], [pressed](Client::press) by a person or by a program that starts. It takes the
 //! permit that telemetry showed last, and counts only while the robot states the same one: after a halt the order becomes rest
 //! or [`Order::Off`], and [`Update::Ended`] reports why. [`Client::hold`] changes f and theta of a walk in force, with its permit.
 
@@ -28,7 +28,7 @@ use super::{
 /// How often a program repeats a wish that ended because orders stayed away while the motors were aligned or tried.
 const MOST_LAPSES: u32 = 3;
 
-/// What begins movement or clears the robot, and so carries the permit that was shown.
+/// An order that begins movement or clears the robot, before it gets the permit that was shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wish {
     /// Make the motors ready and hold them at rest.
@@ -153,7 +153,7 @@ pub struct Client {
     session: OperatorSession,
     was_established: bool,
     has_failed: bool,
-    /// What is sent every [`KEEP_ALIVE`].
+    /// The order that is sent every [`KEEP_ALIVE`].
     order: Order,
     /// Number of the first datagram of this session that carried the order.
     order_since: Option<u64>,
@@ -250,7 +250,7 @@ impl Client {
     ) -> Result<(), NotShown> {
         let shown = self.telemetry.filter(|_| self.stop != StopState::Sending).ok_or(NotShown)?;
         match wish {
-            // What is armed stays armed, and what is clear needs no clearing.
+            // An armed robot stays armed. A robot without stop and fault needs no clearing.
             Wish::Arm if self.is_armed() && self.follows(shown.permit) => return Ok(()),
             Wish::Clear if !shown.stopped && shown.faults.is_empty() => return Ok(()),
             Wish::Clear => self.stop = StopState::None,
@@ -469,7 +469,7 @@ impl Client {
         match received {
             OperatorReceived::Message(ToOperator::Reply(reply)) => self.replied(now, reply),
             OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
-                // Before what follows from it: whoever learns that a wish ended knows the state by then.
+                // Telemetry comes before `Update::Ended`, so that the owner knows the state when a wish ends.
                 self.updates.push_back(Update::Telemetry(telemetry));
                 self.take_telemetry(now, telemetry);
             }
@@ -486,7 +486,7 @@ impl Client {
         }
     }
 
-    /// Takes what the robot states: the order in force ends, or goes on.
+    /// Takes telemetry: the order in force ends, or goes on.
     fn take_telemetry(&mut self, now: Instant, telemetry: Telemetry) {
         let first = self.telemetry.is_none();
         let known = self.telemetry.map_or(Faults::NONE, |it| it.faults);
@@ -747,7 +747,7 @@ impl Client {
         if self.stop == StopState::Sending {
             (self.stop, self.beside) = (StopState::Acknowledged, None);
             self.is_driving = false;
-            // Who saw the robot before has not seen this stop.
+            // An earlier picture of the robot does not show this stop.
             self.permitted_at = now;
             self.set_order(now, Order::Off);
             self.updates.push_back(Update::StopAcknowledged);

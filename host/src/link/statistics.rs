@@ -15,7 +15,7 @@ const REMEMBERED: usize = 4096;
 /// Statistics of a link, as its operator sees it.
 ///
 /// The time of an order is from its sending to the telemetry that states it, less the time for which the robot had held it. An
-/// order is lost where it, or the robot's next datagram, would not arrive: each end counts what is missing in the other's
+/// order counts as lost where the order, or the robot's next datagram, does not arrive: each end counts the gaps in the other's
 /// counters. Orders are counted once they are [`ANSWER_TIME`] old.
 #[derive(Debug, Clone, Default)]
 pub struct Statistics {

@@ -138,7 +138,7 @@ impl Connection {
         let Some(judged) = judged else {
             return self.refused(Refusal::Stopped);
         };
-        // Another halt since: whoever clears that has to mean it.
+        // The robot has halted since: that halt needs an order to clear of its own.
         let mut newest = None;
         self.press_by(|client, now| {
             newest = client.telemetry().copied().filter(|it| it.permit != judged.permit);
@@ -156,7 +156,7 @@ impl Connection {
                 last = Some(*telemetry);
                 (!telemetry.stopped && telemetry.faults.is_empty()).then_some(None)
             }
-            // Whoever clears a stop of somebody else, or another fault, that came since has to mean it.
+            // A later stop of a second operator, or a later fault, needs an order to clear of its own.
             Update::Ended { why, .. } => Some(Some(why.clone())),
             _ => None,
         })?;
