@@ -208,7 +208,7 @@ impl Supervisor {
         if !conditions.present.is_empty() && self.state != State::Disarmed {
             self.raise(conditions.present);
         }
-        if [asked.stops, asked.halts] != [self.stops, self.halts] {
+        if (asked.stops, asked.halts) != (self.stops, self.halts) {
             self.halt(asked);
         }
         if self.driving() {

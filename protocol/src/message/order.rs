@@ -24,6 +24,7 @@ impl Permit {
 
     /// Returns the permit that the robot counts up to at its next halt.
     #[must_use]
+    #[inline]
     pub const fn next(self) -> Self {
         Self(self.0.wrapping_add(1))
     }
