@@ -47,7 +47,7 @@ impl Desk {
     }
 
     fn press(&mut self, action: Action) {
-        self.cockpit.act(action, &mut self.client, self.now);
+        self.cockpit.act(action, self.now, &mut self.client, self.now);
         self.run(Duration::from_millis(100));
     }
 

@@ -226,10 +226,15 @@ impl Cockpit {
         self.scope.give_up();
     }
 
-    /// Does an action of the operator, except leaving.
-    pub fn act(&mut self, action: Action, client: &mut Client, now: Instant) {
+    /// Does an action of the operator, except leaving. `seen` is the time of the picture that the operator has seen: an action that
+    /// begins movement, or clears the robot, is not done where the robot has halted since.
+    pub fn act(&mut self, action: Action, seen: Instant, client: &mut Client, now: Instant) {
         self.attend(now);
         match action {
+            Action::Arm | Action::Clear | Action::Walk(_) if seen <= client.permitted_at() => {
+                let text = "not done: the robot has halted meanwhile; look, then try again";
+                self.note(now, Weight::Warning, text);
+            }
             Action::Stop | Action::Interrupt => {
                 self.rest();
                 self.is_stopping = true;
@@ -354,7 +359,7 @@ impl Cockpit {
         if !self.is_walking() {
             self.footing = Footing::default();
         } else if let Some(stop) = self.footing.observe(sample) {
-            self.act(Action::Stop, client, now);
+            self.act(Action::Stop, now, client, now);
             self.note(now, Weight::Alarm, &stop.to_string());
         }
         self.late = sample.late();

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use self::drive::{Drive, DriveError, Ending, Extras};
 use super::address::RobotArgs;
 use super::run::{PoseArgs, record};
-use flix_host::link::RobotLink;
+use flix_host::link::{RobotLink, StopState};
 use flix_host::pose::any::Poses;
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::print;
@@ -59,11 +59,15 @@ impl ByHandArgs {
         }
         let mut hand = Drive::new(&mut connection, &self.robot.robot, &mut extras);
         let ended = match operate(&mut hand, &interrupt) {
-            Ok(Ending::Interrupted) => Err(super::drive::stop(&mut connection)),
-            Ok(Ending::Quit) if connection.client().is_driving() => {
-                connection.disarm().map_err(Error::from)
+            // A stop may be on its way when the operator leaves.
+            Ok(ending)
+                if ending == Ending::Interrupted
+                    || connection.client().stop_state() == StopState::Sending =>
+            {
+                Err(super::drive::stop(&mut connection))
             }
-            Ok(Ending::Quit) => Ok(()),
+            Ok(_) if connection.client().is_driving() => connection.disarm().map_err(Error::from),
+            Ok(_) => Ok(()),
             Err(error) => Err(super::drive::give_up(&mut connection, error)),
         };
         let ending = ended.as_ref().map_or_else(ToString::to_string, |()| "finished".to_owned());

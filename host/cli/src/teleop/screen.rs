@@ -58,6 +58,8 @@ pub fn run(
     let mut gamepads = Gamepads::open();
     let (cockpit, _, now) = drive.operate();
     cockpit.be_attended(patience, now);
+    // Time of the picture on the screen.
+    let mut seen = now;
     loop {
         drive.step(KEY_LATENCY)?;
         if interrupt.is_raised() || is_closed() {
@@ -76,7 +78,7 @@ pub fn run(
             match action {
                 Action::Quit => return Ok(Ending::Quit),
                 Action::Interrupt => return Ok(Ending::Interrupted),
-                action => cockpit.act(action, client, now),
+                action => cockpit.act(action, seen, client, now),
             }
         }
         for step in typed.steps {
@@ -86,7 +88,7 @@ pub fn run(
             cockpit.abandon(doubt, client, now);
         }
         for action in gamepads.read(!typed.is_unwatched, cockpit, now) {
-            cockpit.act(action, client, now);
+            cockpit.act(action, seen, client, now);
         }
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
@@ -94,6 +96,7 @@ pub fn run(
             if screen.draw(|frame| view::draw(frame, cockpit)).is_err() {
                 return Ok(Ending::Interrupted);
             }
+            seen = now;
         }
     }
 }

@@ -116,7 +116,7 @@ impl Pages {
         if !self.open.contains(&page) {
             return;
         }
-        cockpit.act(Action::Stop, client, now);
+        cockpit.act(Action::Stop, now, client, now);
         cockpit.note(now, Weight::Alarm, "a page sent what no page sends: it is closed");
         self.close(page, cockpit, client, now);
     }
@@ -153,12 +153,12 @@ impl Pages {
             // Who asks again, since nobody has said that it was heard, stops nothing that was cleared meanwhile.
             Some(Request::Act(Action::Stop)) if was_heard => {}
             Some(Request::Act(Action::Stop)) => {
-                cockpit.act(Action::Stop, client, now);
+                cockpit.act(Action::Stop, seen, client, now);
                 self.presses.extend(message.press);
                 self.presses.drain(..self.presses.len().saturating_sub(PRESSES));
             }
             Some(Request::Act(action @ (Action::Rest | Action::Disarm))) if drives => {
-                cockpit.act(action, client, now);
+                cockpit.act(action, seen, client, now);
             }
             Some(_) if !is_fresh => {
                 let text = "not done: the page or its connection was too slow; try again";
@@ -172,13 +172,7 @@ impl Pages {
             }
             Some(Request::Drive) => {}
             Some(Request::Settings) => cockpit.settings.read(client, now),
-            Some(Request::Act(Action::Arm | Action::Clear | Action::Walk(_)))
-                if drives && message.seen <= Self::stamp(client.permitted_at()) =>
-            {
-                let text = "not done: the robot has halted meanwhile; look, then try again";
-                cockpit.note(now, Weight::Warning, text);
-            }
-            Some(Request::Act(action)) if drives => cockpit.act(action, client, now),
+            Some(Request::Act(action)) if drives => cockpit.act(action, seen, client, now),
             Some(Request::Set(name, value)) if drives => {
                 cockpit.settings.set(name, value, client, now);
             }
@@ -215,7 +209,7 @@ impl Pages {
 
 fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
     if cockpit.setpoint != Setpoint::REST {
-        cockpit.act(Action::Rest, client, now);
+        cockpit.act(Action::Rest, now, client, now);
     }
 }
 
@@ -224,7 +218,7 @@ fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
 fn disarm(cockpit: &mut Cockpit, client: &mut Client, now: Instant, why: &str) {
     client.give_up(now);
     if client.is_driving() || !cockpit.telemetry.as_ref().is_none_or(|it| it.state.is_idle()) {
-        cockpit.act(Action::Disarm, client, now);
+        cockpit.act(Action::Disarm, now, client, now);
         cockpit.note(now, Weight::Alarm, why);
     }
 }
