@@ -230,6 +230,16 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         }
     }
 
+    /// Returns the faults, or that the walk has ended, where f is not held any more.
+    fn check_held(&mut self, step: Step, frequency: f64) -> Done<(), S> {
+        self.check(step)?;
+        if self.robot.operate().0.held() == Some(along(frequency)) {
+            Ok(())
+        } else {
+            Err(CommissionError::Lapsed(step))
+        }
+    }
+
     pub(super) fn arm(&mut self, step: Step) -> Done<(), S> {
         self.is_aligned = true;
         let armed = self.robot.arm();
@@ -340,7 +350,7 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
     }
 
     fn hold(&mut self, frequency: f64) {
-        self.robot.hold(Setpoint::saturating(frequency as f32, 0.0));
+        self.robot.hold(along(frequency));
     }
 
     /// Returns the means of both motors while f is held, Hz, once it has come there by a ramp of so many Hz/s.
@@ -348,7 +358,7 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         let gap = (frequency - self.frequency()).abs();
         self.hold(frequency);
         self.robot.pause(SETTLING + Duration::from_secs_f64(gap / ramp))?;
-        self.means(step)
+        self.means_held(step, frequency)
     }
 
     /// The same over so many captures, of a robot whose ramp takes so long.
@@ -361,10 +371,10 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
     ) -> Done<[Steady; 2], S> {
         self.hold(frequency);
         self.robot.pause(ramp)?;
-        self.check(step)?;
+        self.check_held(step, frequency)?;
         self.robot.pause(SETTLING)?;
         let all: Vec<[Steady; 2]> =
-            (0..captures).map(|_| self.means(step)).collect::<Result<_, _>>()?;
+            (0..captures).map(|_| self.means_held(step, frequency)).collect::<Result<_, _>>()?;
         Ok([0, 1].map(|motor| {
             let mean = |of: fn(&Steady) -> f64| {
                 all.iter().map(|it| of(&it[motor])).sum::<f64>() / captures as f64
@@ -377,6 +387,13 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
                 voltage,
             }
         }))
+    }
+
+    /// Returns the means of both motors while f is held until their end.
+    fn means_held(&mut self, step: Step, frequency: f64) -> Done<[Steady; 2], S> {
+        let means = self.means(step)?;
+        self.check_held(step, frequency)?;
+        Ok(means)
     }
 
     /// Returns the means of both motors, now.
@@ -461,6 +478,11 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         self.begin_capture(channels, Trigger::Now, 0)?;
         self.capture(Step::Ramps, u16::MAX)
     }
+}
+
+/// Returns the setpoint of f, Hz, along the body.
+const fn along(frequency: f64) -> Setpoint {
+    Setpoint::saturating(frequency as f32, 0.0)
 }
 
 /// Returns by how much the current that a rotor takes changed among its ramps, as a share of what speeds it up, A, where that is too

@@ -292,6 +292,19 @@ impl Driven {
             .filter(|error| !(self.awaits_fault && matches!(error, LinkError::Faulted { .. })))
     }
 
+    /// Fails where the walk has ended while a request waited for its answer, unless that is what is waited for.
+    fn check_walk(&self, connection: &Connection) -> Result<(), Error> {
+        let client = connection.client();
+        if self.setpoint.is_none() || client.held() == self.setpoint {
+            return Ok(());
+        }
+        let shown = client.telemetry().copied().map(Update::Telemetry);
+        match shown.and_then(|update| LinkError::while_driven(&update)) {
+            Some(LinkError::Faulted { .. }) if self.awaits_fault => Ok(()),
+            why => Err(why.unwrap_or(LinkError::Lapsed).into()),
+        }
+    }
+
     /// Disarms; a robot with the fault that was waited for is disarmed.
     fn end(&self, connection: &mut Connection) -> Result<(), Error> {
         if self.setpoint.is_none()
@@ -312,6 +325,7 @@ fn await_capture(
     let start = std::time::Instant::now();
     while !driven.is_left()? {
         let status = scope::ask(connection, ScopeCommand::Status)?;
+        driven.check_walk(connection)?;
         if status.state == ScopeState::Complete {
             return Ok(Some(status));
         }
