@@ -151,3 +151,19 @@ pub trait SettingsStore {
         Ok(())
     }
 }
+
+/// A store that keeps nothing: settings are the defaults after each start.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoStore;
+
+impl SettingsStore for NoStore {
+    type Error = core::convert::Infallible;
+
+    fn load(&mut self, _: &mut [u8]) -> Result<Option<usize>, Self::Error> {
+        Ok(None)
+    }
+
+    fn save(&mut self, _: &[u8]) -> Result<(), Self::Error> {
+        Ok(())
+    }
+}

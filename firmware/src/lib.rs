@@ -32,26 +32,13 @@
 //! ```
 //! use flix_firmware::board::DENGFOC_V3_01;
 //! use flix_firmware::hardware::{
-//!     Actuation, Bridge, Encoder, EncoderAngle, EncoderReading, Magnet, Sensors, SettingsStore, TICK,
+//!     Actuation, Bridge, Encoder, EncoderAngle, EncoderReading, Magnet, NoStore, Sensors, TICK,
 //! };
 //! use flix_firmware::robot::Robot;
 //! use flix_protocol::frame::Frame;
 //! use flix_protocol::message::State;
 //! use flix_protocol::session::{Key, OperatorSession};
 //! use flix_protocol::units::Instant;
-//!
-//! /// Forgets everything at power-off.
-//! struct NoStore;
-//!
-//! impl SettingsStore for NoStore {
-//!     type Error = ();
-//!     fn load(&mut self, _: &mut [u8]) -> Result<Option<usize>, ()> {
-//!         Ok(None)
-//!     }
-//!     fn save(&mut self, _: &[u8]) -> Result<(), ()> {
-//!         Ok(())
-//!     }
-//! }
 //!
 //! let key = Key::new([7; 32]);
 //! let hardware = DENGFOC_V3_01.hardware;

@@ -1,25 +1,17 @@
-//! The robot's end of the link: what operators say becomes what is [`Asked`] of the fast half, and what
-//! the fast half reports becomes replies, telemetry and events.
+//! The robot's end of the link: an operator's orders and requests become what is [`Asked`] of the fast half, and the reports of
+//! the fast half become replies, telemetry and events.
 //!
-//! - **Who**: only the operator that holds the session of [`flix_protocol::session`]. Whenever a
-//!   session begins or is left, the robot ramps down and disarms: nobody inherits a running robot.
-//! - **When**: arming is explicit, and wants a link that was steady for [`PROVING_TIME`](flix_protocol::failsafe::PROVING_TIME). From then
-//!   on commands are signs of life: any command while the rotors rest, setpoints alone while they
-//!   are asked to shake. The fast half itself watches their age ([`Asked::heard`]), so that its
+//! - **Who**: only the operator that holds the session of [`flix_protocol::session`]. Whenever a session begins or ends, the robot
+//!   ramps down and disarms: nobody inherits a running robot.
+//! - **Orders** are handed on whole: the supervisor of the fast half decides whether an order moves the robot. Here an order is
+//!   withheld where it is out of range or too old, and judged for whether motors may begin to be driven: the link was steady for
+//!   [`PROVING_TIME`](flix_protocol::failsafe::PROVING_TIME), and the settings are known and stable ([`Asked::begins`]).
+//! - **Signs of life** are orders alone. The fast half watches their age ([`Asked::heard`], [`Asked::expires`]), so that its
 //!   deadlines hold even when this half hangs.
-//! - **Wanted by a person**: rotors that came to rest because commands stayed away turn again only by a setpoint with another
-//!   [`ToRobot::intent`] than the last that was obeyed, of somebody who knew of it ([`ToRobot::halts`]); others are refused
-//!   ([`Refusal::Rested`]), and keep the robot armed. A robot that has halted is armed again only by somebody who knew of that.
-//! - **In order**: what changes the robot and was asked before the newest that was obeyed does nothing any more, however it was
-//!   delayed. A fault, and a stop from outside, outlive every `Clear` of somebody who could not know of them.
-//! - **Stop**: any operator latches the stop, also without the session, which goes on; its
-//!   operator learns of it by an event.
-//! - **How old**: a command counts only while it is fresh ([`flix_protocol::session`]), up to the
-//!   setting `command_age`. `Stop` and `Disarm` count at any age; reading (`Identify`, `Crash`,
-//!   `Ping`, parameters) is answered at any age but is no sign of life then; all else is refused, and the
-//!   refusal states the age. The fast half also stops the rotors when the newest command has grown
-//!   older than that ([`Asked::expires`]).
-//! - **What is refused** changes nothing, and the refusal says what would be accepted.
+//! - **Stop**: any operator latches the stop, also without the session, which goes on; its operator learns of that by an event.
+//! - **Age**: an order or a change counts only while it is fresh ([`flix_protocol::session`]), up to the setting `command_age`.
+//!   [`Order::Off`], [`Order::Stop`] and questions count at any age.
+//! - **Requests** are answered once each. A refused request changes nothing, and the refusal says what would be accepted.
 //! - **Events** carry numbers that count up by one. At most [`EVENTS`] wait for an operator, the
 //!   oldest go first, and the gap in the numbers shows it.
 //!
@@ -36,21 +28,20 @@ use core::time::Duration;
 
 use flix_protocol::frame::{Frame, HandshakeFrame};
 use flix_protocol::message::{
-    Bridges, BuildId, Command, CrashReport, EncoderHealth, Event, EventReport, Faults, Identity,
+    Bridges, BuildId, Command, CrashReport, EncoderHealth, Event, EventReport, Identity,
     LinkQuality, Magnet, Mark, MotorTelemetry, OperatorName, Order, Outcome, PARAMETERS_PER_REPLY,
-    ParameterCommand, Refusal, Reply, ResetReason, ScopeCommand, Setpoint, State, Telemetry,
-    ToOperator, ToRobot, Trial, Withheld,
+    ParameterCommand, Refusal, Reply, Request, ResetReason, ScopeCommand, Setpoint, State,
+    Telemetry, ToOperator, ToRobot, Withheld,
 };
 use flix_protocol::session::{Operators, RobotReceived, RobotSession};
-use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
+use flix_protocol::units::{Amperes, Degrees, Instant, Ratio, Volts};
 use heapless::{Deque, Vec};
 
 use crate::blackbox::{BlackBox, RUN_BYTES};
-use crate::fast::exchange::{Asked, EventCounters, Report, Wanted};
+use crate::fast::exchange::{Asked, Report, Wanted};
 use crate::hardware::{Hardware, SettingsStore};
 use crate::scope::{Memory, Scope};
 use crate::settings::{self, Settings, Tuning, text};
-use crate::units::Speed;
 use readiness::{Judged, Steadiness};
 
 /// Events that wait for an operator.
@@ -74,35 +65,22 @@ pub struct Link {
     hardware: Hardware,
     signal_dbm: Option<i8>,
     asked: Asked,
-    setpoint: Setpoint,
     /// Who asked first for the stop that is latched, or on its way.
     stopped_by: Option<OperatorName>,
     /// When somebody asked for it last.
     stopped_at: Instant,
-    /// The request that began the last trial of this operator: repeated, it is answered again and begins no other.
-    tried: Option<u32>,
-    /// Asked to ramp down and disarm, and not there yet.
-    ramps_down: bool,
-    /// The last intent of a person that was obeyed; `None` since arming.
-    intent: Option<u8>,
-    /// The rotors came to rest because commands stayed away, and wait for another intent.
-    has_rested: bool,
-    /// How often the robot halted in this session although its operator had not asked for it.
-    halts: u8,
     /// The largest number of a request of this session that was to change something.
     changed: Option<u32>,
     /// The newest order, where this session gives any.
     order: Option<Order>,
-    /// Counter and arrival of the newest order that was handed on.
-    handed_on: (u64, Instant),
+    /// The newest order that was handed on.
+    handed_on: Order,
+    /// Counter and arrival of its newest datagram.
+    repeated: (u64, Instant),
     /// The same of the newest that the fast half has looked at.
     heard: (u64, Instant),
     /// Why the newest order was not handed on, or cannot begin.
     withheld: Option<Withheld>,
-    /// The number of the halt that was the newest stop of somebody else; who begins a session later knows of it.
-    stop_from_outside: Option<u8>,
-    /// That of the halt by the newest fault, likewise.
-    fault: Option<u8>,
     /// Whether commands arrived too old to count, and have not been steady since.
     is_slow: bool,
     report: Report,
@@ -146,21 +124,14 @@ impl Link {
             hardware: *hardware,
             signal_dbm: None,
             asked: Asked::default(),
-            setpoint: Setpoint::REST,
             stopped_by: None,
             stopped_at: Instant::START,
-            tried: None,
-            ramps_down: false,
-            intent: None,
-            has_rested: false,
-            halts: 0,
             changed: None,
             order: None,
-            handed_on: (0, Instant::START),
+            handed_on: Order::Off,
+            repeated: (0, Instant::START),
             heard: (0, Instant::START),
             withheld: None,
-            stop_from_outside: None,
-            fault: None,
             is_slow: false,
             report,
             steadiness: Steadiness::default(),
@@ -259,7 +230,7 @@ impl Link {
         self.session.set_at_rest(self.report.stopped && self.is_at_rest());
         let received = self.session.receive(now, from, datagram);
         let is_authentic =
-            matches!(received, RobotReceived::Connected(_) | RobotReceived::Command(_));
+            matches!(received, RobotReceived::Connected(_) | RobotReceived::Message(_));
         match received {
             RobotReceived::Answer(answer) | RobotReceived::Dropped(_, Some(answer)) => {
                 push_newest(&mut self.answers, (from, answer));
@@ -272,37 +243,39 @@ impl Link {
                 }
                 push_newest(&mut self.answers, (from, answer));
             }
-            RobotReceived::Command(message) => {
+            RobotReceived::Message(message) => {
                 self.steadiness.heard(now);
                 self.is_slow &= !self.steadiness.is_proven();
-                // Questions are no signs of life of an operator who gives orders.
-                if self.asked.frequency == Speed::ZERO && self.order.is_none() {
-                    self.note_sign_of_life(now);
-                }
-                self.take(now, message, tuning);
-            }
-            RobotReceived::Late { command: message, age } => {
-                if let Command::Order(order) = message.command {
-                    let late = self.note_late(now, age);
-                    self.receive_order(now, order, Some(late), tuning.settings());
-                    return is_authentic;
-                }
-                match self.check_late(now, &message.command, age) {
-                    Ok(()) => self.take(now, message, tuning),
-                    Err(refusal) => self.reply(message.request, Err(refusal)),
+                match message {
+                    ToRobot::Order(order) => {
+                        self.receive_order(now, order, None, tuning.settings());
+                    }
+                    ToRobot::Request(request) => self.take(now, request, tuning),
                 }
             }
-            RobotReceived::Refused { request, refusal } => self.reply(request, Err(refusal)),
+            RobotReceived::Late { message, age } => {
+                let [age_ms, limit_ms] = self.note_late(now, age);
+                match message {
+                    ToRobot::Order(order) => {
+                        let late = Some(Withheld::Late { age_ms, limit_ms });
+                        self.receive_order(now, order, late, tuning.settings());
+                    }
+                    ToRobot::Request(request) if request.command.is_question() => {
+                        self.take(now, request, tuning);
+                    }
+                    ToRobot::Request(Request { number, .. }) => {
+                        self.reply(number, Err(Refusal::Late { age_ms, limit_ms }));
+                    }
+                }
+            }
+            RobotReceived::Unreadable(number) => self.reply(number, Err(Refusal::Malformed)),
             RobotReceived::Left => {
                 self.change_operator();
                 self.events.push(now, Event::OperatorLeft);
             }
             RobotReceived::Stop(answer, operator) => {
-                self.stop(now, Some(operator));
+                self.latch_stop(now, Some(operator));
                 self.asked.halts = self.asked.halts.wrapping_add(1);
-                self.stop_from_outside = Some(self.halt());
-                // Who knows of this knows of the fault before.
-                self.fault = self.fault.and(self.stop_from_outside);
                 self.events.push(now, Event::StoppedFromOutside(operator));
                 push_newest(&mut self.answers, (from, answer));
             }
@@ -393,58 +366,11 @@ impl Link {
             self.events.push(now, Event::Fault(fault));
         }
         if report.obeyed == self.asked.number {
-            self.heard = self.handed_on;
+            self.heard = self.repeated;
         }
         self.look_at_magnets(report);
         if report.state != last.state {
             self.events.push(now, Event::State(report.state));
-        }
-        if matches!(report.state, State::Disarmed | State::Aligning | State::Faulted) {
-            self.setpoint = Setpoint::REST;
-        }
-        if report.faults.iter().any(|fault| !last.faults.contains(fault)) {
-            self.fault = Some(self.halt());
-        }
-        if new.link_lost != old.link_lost && !last.state.is_idle() && !self.ramps_down {
-            self.halt();
-        }
-        // A request to begin counts once, not until the link allows it.
-        let is_looked_at = report.obeyed == self.asked.number;
-        if self.order.is_none()
-            && is_looked_at
-            && report.state == State::Disarmed
-            && self.is_beginning()
-        {
-            self.asked.wanted = Wanted::Off;
-        }
-        let silences = |of: &EventCounters| [of.command_deadline, of.command_age];
-        self.note_rest(last.state, silences(new) != silences(old));
-        if self.is_at_rest() {
-            self.ramps_down = false;
-        }
-    }
-
-    /// Counts a halt that the operator has not asked for, and returns its number.
-    const fn halt(&mut self) -> u8 {
-        self.halts = self.halts.wrapping_add(1);
-        self.halts
-    }
-
-    /// Notes that the rotors came to rest although nobody asked for it. Signs of life of any kind keep them armed then, unless
-    /// they turned to be aligned.
-    fn note_rest(&mut self, before: State, by_silence: bool) {
-        match (before, self.report.state) {
-            (State::Aligning, State::Disarmed) if by_silence => {
-                self.halt();
-            }
-            (State::Stopping, State::Armed) => {
-                self.has_rested = true;
-                self.halt();
-                self.setpoint = Setpoint::REST;
-                self.asked.frequency = Speed::ZERO;
-            }
-            (_, State::Armed) => {}
-            _ => self.has_rested = false,
         }
     }
 
@@ -455,47 +381,47 @@ impl Link {
 
     /// Disarms for another operator, or none: the robot obeys them only from arming on.
     fn change_operator(&mut self) {
-        self.disarm();
+        self.asked.want(Wanted::Off, self.report.permit);
         self.asked.halts = self.asked.halts.wrapping_add(1);
         self.steadiness = Steadiness::default();
         self.is_slow = false;
-        self.halts = 0;
         self.changed = None;
         (self.order, self.withheld) = (None, None);
-        (self.handed_on, self.heard) = ((0, Instant::START), (0, Instant::START));
-        (self.stop_from_outside, self.fault) = (None, None);
-        self.tried = None;
+        self.handed_on = Order::Off;
+        (self.repeated, self.heard) = ((0, Instant::START), (0, Instant::START));
         self.replies.clear();
         self.scope.clear();
         self.releases_scope = true;
     }
 
-    /// Obeys a command, and answers it; one to the scope waits until [`Link::consult`]. Nobody waits for an answer to one that
-    /// was overtaken.
-    fn take<S: SettingsStore>(&mut self, now: Instant, message: ToRobot, tuning: &mut Tuning<S>) {
-        let request = message.request;
-        if let Command::Order(order) = message.command {
-            return self.receive_order(now, order, None, tuning.settings());
-        }
-        if self.is_overtaken(request, &message.command) {
+    /// Obeys a request, and answers it; one to the scope waits until [`Link::consult`]. A request that was overtaken has no answer.
+    fn take<S: SettingsStore>(&mut self, now: Instant, request: Request, tuning: &mut Tuning<S>) {
+        let Request { number, command } = request;
+        if self.is_overtaken(number, &command) {
             return;
         }
-        if let Some(outcome) = self.obey(now, message, tuning).transpose() {
-            self.reply(request, outcome);
-        }
+        let outcome = match command {
+            Command::Parameter(command) => self.tune(now, command, tuning),
+            Command::Identify => Ok(Outcome::Identity(self.identity.clone())),
+            Command::Bridges => Ok(Outcome::Bridges(bridges(&self.hardware))),
+            Command::Crash => Ok(Outcome::Crash(self.black_box.crash().cloned())),
+            Command::Ping(sent) => Ok(Outcome::Pong(sent)),
+            Command::Scope(command) => return push_newest(&mut self.scope, (number, command)),
+        };
+        self.reply(number, outcome);
     }
 
-    /// Returns whether a command would undo what was asked for after it.
-    fn is_overtaken(&mut self, request: u32, command: &Command) -> bool {
-        if command.is_question() || matches!(command, Command::Setpoint(_)) {
+    /// Returns whether a request would undo one that was made after it.
+    fn is_overtaken(&mut self, number: u32, command: &Command) -> bool {
+        if command.is_question() {
             return false;
         }
         let is_old =
-            self.changed.is_some_and(|newest| request.wrapping_sub(newest).cast_signed() < 0);
+            self.changed.is_some_and(|newest| number.wrapping_sub(newest).cast_signed() < 0);
         if !is_old {
-            self.changed = Some(request);
+            self.changed = Some(number);
         }
-        is_old && !command.is_always_safe()
+        is_old
     }
 
     /// Returns whether something waits for the scope.
@@ -514,47 +440,6 @@ impl Link {
         }
     }
 
-    fn obey<S: SettingsStore>(
-        &mut self,
-        now: Instant,
-        ToRobot { request, intent, halts, command }: ToRobot,
-        tuning: &mut Tuning<S>,
-    ) -> Result<Option<Outcome>, Refusal> {
-        match command {
-            Command::Setpoint(setpoint) => self.shake(now, (intent, halts), setpoint)?,
-            Command::Arm => self.arm(now, halts, tuning.settings())?,
-            Command::Disarm => self.disarm(),
-            Command::Stop => self.stop(now, self.session.operator(now)),
-            Command::Clear => self.clear(now, halts)?,
-            Command::Parameter(command) => return self.tune(now, command, tuning).map(Some),
-            Command::Trial(trial) => return self.try_out(now, (request, halts), trial).map(Some),
-            Command::Identify => return Ok(Some(Outcome::Identity(self.identity.clone()))),
-            Command::Bridges => return Ok(Some(Outcome::Bridges(bridges(&self.hardware)))),
-            Command::Crash => return Ok(Some(Outcome::Crash(self.black_box.crash().cloned()))),
-            Command::Ping(number) => return Ok(Some(Outcome::Pong(number))),
-            Command::Order(_) => return Ok(None),
-            Command::Scope(command) => {
-                push_newest(&mut self.scope, (request, command));
-                return Ok(None);
-            }
-        }
-        Ok(Some(Outcome::Done))
-    }
-
-    /// Refuses what is not safe however long ago the operator asked for it.
-    fn check_late(
-        &mut self,
-        now: Instant,
-        command: &Command,
-        age: Option<Duration>,
-    ) -> Result<(), Refusal> {
-        let [age_ms, limit_ms] = self.note_late(now, age);
-        if command.is_question() || command.is_always_safe() {
-            return Ok(());
-        }
-        Err(Refusal::Late { age_ms, limit_ms })
-    }
-
     /// Reports once that commands come late; returns the age of this one and the limit, milliseconds.
     fn note_late(&mut self, now: Instant, age: Option<Duration>) -> [u16; 2] {
         let [age_ms, limit_ms] = [age, Some(self.session.command_age())].map(milliseconds);
@@ -566,17 +451,17 @@ impl Link {
     }
 
     /// Hands an order on to the fast half, with whether motors may begin to be driven. One that is out of range, or too old and
-    /// not always safe, is withheld: it is no sign of life and changes nothing. `late`: age and limit, milliseconds.
+    /// not always safe, is withheld: it is no sign of life and changes nothing. `late`: its age, where that is too much.
     fn receive_order(
         &mut self,
         now: Instant,
         order: Order,
-        late: Option<[u16; 2]>,
+        late: Option<Withheld>,
         settings: &Settings,
     ) {
+        let is_latched = self.order == Some(Order::Stop) && self.report.stopped;
         self.order = Some(order);
         self.telemetry_due = self.telemetry_due.min(now + SLOWEST_TELEMETRY);
-        let late = late.map(|[age_ms, limit_ms]| Withheld::Late { age_ms, limit_ms });
         let range = |is_good: bool| (!is_good).then_some(Withheld::Range);
         self.withheld = match order {
             Order::Off | Order::Stop => None,
@@ -591,13 +476,16 @@ impl Link {
         if late.is_none() {
             self.note_sign_of_life(now);
         }
-        self.handed_on = (self.session.newest_command(), now);
+        (self.handed_on, self.repeated) = (order, (self.session.newest_message(), now));
         self.withheld = self.check_begin(&order, settings);
         self.asked.begins = self.withheld.is_none();
         let wanted = match order {
             Order::Off => Wanted::Off,
             Order::Stop => {
-                self.latch_stop(now, self.session.operator(now));
+                // The order is repeated until telemetry states the stop.
+                if !is_latched {
+                    self.latch_stop(now, self.session.operator(now));
+                }
                 Wanted::Off
             }
             Order::Arm(_) => Wanted::Arm,
@@ -626,28 +514,32 @@ impl Link {
         (!self.steadiness.is_proven()).then_some(Withheld::LinkUnproven)
     }
 
-    /// Returns why the newest order is not obeyed, by the newest report.
+    /// Returns why the newest order is not obeyed, by the newest report. A fault is named before a stop: a person looks for it first.
     fn why_withheld(&self) -> Option<Withheld> {
         let order = self.order?;
         let Report { state, stopped, faults, permit, .. } = self.report;
         let is_old = order.permit().is_some_and(|it| it != permit);
         match (order, state) {
-            (Order::Off | Order::Stop, _)
-            | (Order::Arm(_), State::Aligning | State::Armed | State::Running)
+            (Order::Off | Order::Stop, _) => None,
+            // Not handed on.
+            _ if matches!(
+                self.withheld,
+                Some(Withheld::Late { .. } | Withheld::Range | Withheld::NoCurrentSense)
+            ) =>
+            {
+                self.withheld
+            }
+            (Order::Arm(_), State::Aligning | State::Armed | State::Running)
             | (Order::Try(..), State::Aligning) => None,
             (Order::Clear(_), State::Disarmed | State::Faulted) => {
-                let is_latched = stopped || !faults.is_empty();
-                is_old.then_some(Withheld::Permit).or(self.withheld).filter(|_| is_latched)
+                (is_old && (stopped || !faults.is_empty())).then_some(Withheld::Permit)
             }
-            _ if self.withheld.is_some_and(|it| it != Withheld::LinkUnproven) => self.withheld,
             (Order::Clear(_), _) => Some(Withheld::State),
             _ if !faults.is_empty() => Some(Withheld::Faulted),
             _ if stopped => Some(Withheld::Stopped),
             _ if is_old => Some(Withheld::Permit),
             (Order::Shake(..), State::Armed | State::Running) => None,
-            (_, State::Disarmed) if matches!(order, Order::Arm(_) | Order::Try(..)) => {
-                self.withheld
-            }
+            (Order::Arm(_) | Order::Try(..), State::Disarmed) => self.withheld,
             _ => Some(Withheld::State),
         }
     }
@@ -655,57 +547,6 @@ impl Link {
     fn note_sign_of_life(&mut self, now: Instant) {
         let moment = self.session.moment().unwrap_or_default();
         self.asked.hear(now, moment + self.session.command_age());
-    }
-
-    /// Obeys a setpoint. One in range is a sign of life even where it cannot be obeyed, as while aligning.
-    fn shake(
-        &mut self,
-        now: Instant,
-        (intent, halts): (u8, u8),
-        setpoint: Setpoint,
-    ) -> Result<(), Refusal> {
-        setpoint.check()?;
-        self.note_sign_of_life(now);
-        self.check_cleared()?;
-        match self.state() {
-            // One that only waits for commands goes on when they come back.
-            State::Armed | State::Running | State::Stopping if !self.ramps_down => {
-                let knows = !self.has_rested || halts == self.halts;
-                let is_anew = self.intent != Some(intent) && knows;
-                if self.has_rested && !is_anew && setpoint.frequency() != Hertz::ZERO {
-                    return Err(Refusal::Rested);
-                }
-                self.has_rested &= !is_anew;
-                self.intent = Some(intent);
-                if is_anew {
-                    self.asked.want(Wanted::Shake, self.report.permit);
-                }
-                self.asked.set(&setpoint);
-                self.setpoint = setpoint;
-                Ok(())
-            }
-            state => Err(Refusal::State(state)),
-        }
-    }
-
-    /// Refuses what moves for somebody who has not heard of the last halt: he has asked before it.
-    const fn check_heard(&self, halts: u8) -> Result<(), Refusal> {
-        if halts == self.halts { Ok(()) } else { Err(Refusal::Rested) }
-    }
-
-    /// Asks the fast half to arm; does nothing while it is armed.
-    fn arm(&mut self, now: Instant, halts: u8, settings: &Settings) -> Result<(), Refusal> {
-        self.check_cleared()?;
-        if matches!(self.state(), State::Aligning | State::Armed | State::Running) {
-            return Ok(());
-        }
-        self.check_heard(halts)?;
-        self.check_settings(settings)?;
-        self.prepare_to_drive(now)?;
-        self.asked.want(Wanted::Arm, self.report.permit);
-        // Whoever arms wants movement.
-        self.intent = None;
-        Ok(())
     }
 
     /// Refuses settings that nothing is armed with.
@@ -737,68 +578,22 @@ impl Link {
         }
     }
 
-    /// Asks the fast half for a trial.
-    fn try_out(
-        &mut self,
-        now: Instant,
-        (request, halts): (u32, u8),
-        trial: Trial,
-    ) -> Result<Outcome, Refusal> {
-        trial.check()?;
-        if !self.measures_current() {
-            return Err(Refusal::NoCurrentSense);
-        }
-        let bridges = Outcome::Bridges(bridges(&self.hardware));
-        if self.tried == Some(request) {
-            return Ok(bridges);
-        }
-        self.check_cleared()?;
-        self.check_heard(halts)?;
-        self.prepare_to_drive(now)?;
-        self.tried = Some(request);
-        self.asked.trial = Some(trial);
-        self.asked.want(Wanted::Try, self.report.permit);
-        Ok(bridges)
-    }
-
-    /// Accepts that motors are driven which were not: only those of a disarmed robot, over a steady link.
-    fn prepare_to_drive(&mut self, now: Instant) -> Result<(), Refusal> {
-        match self.state() {
-            State::Disarmed if self.ramps_down => return Err(Refusal::State(State::Stopping)),
-            State::Disarmed => {}
-            state => return Err(Refusal::State(state)),
-        }
-        if !self.steadiness.is_proven() {
-            return Err(Refusal::LinkUnproven);
-        }
-        self.asked.frequency = Speed::ZERO;
-        self.asked.begins = true;
-        self.note_sign_of_life(now);
-        Ok(())
-    }
-
     /// Returns whether the fast half is idle and nothing on its way could change that, however old its
     /// report is: it starts to move only when it is asked to arm, or for a trial.
     fn is_at_rest(&self) -> bool {
         let Asked { number, stops, halts, .. } = self.asked;
         let report = &self.report;
         let is_obeyed = (number, stops, halts) == (report.obeyed, report.stops, report.halts);
-        is_obeyed && !self.is_beginning() && report.state.is_idle()
+        is_obeyed && report.state.is_idle()
     }
 
-    /// Returns whether the order in force may begin to drive the motors.
+    /// Returns whether the order in force may begin to drive the motors of a robot at rest.
     fn is_beginning(&self) -> bool {
-        let Asked { wanted, permit, .. } = self.asked;
-        matches!(wanted, Wanted::Arm | Wanted::Try)
-            && permit == self.report.permit
-            && !self.report.stopped
-    }
-
-    /// Asks the fast half to disarm. A robot at rest has nothing to ramp down: it can be armed at once again.
-    fn disarm(&mut self) {
-        self.setpoint = Setpoint::REST;
-        self.ramps_down |= !self.is_at_rest();
-        self.asked.want(Wanted::Off, self.report.permit);
+        let Asked { wanted, permit, begins, .. } = self.asked;
+        let Report { permit: present, state, stopped, .. } = self.report;
+        begins
+            && matches!(wanted, Wanted::Arm | Wanted::Try)
+            && (permit, state, stopped) == (present, State::Disarmed, false)
     }
 
     /// Latches the stop. Who latched the stop is who asked first.
@@ -808,54 +603,6 @@ impl Link {
         }
         self.stopped_at = now;
         self.asked.stops = self.asked.stops.wrapping_add(1);
-    }
-
-    /// Asks the fast half to stop.
-    fn stop(&mut self, now: Instant, by: Option<OperatorName>) {
-        self.latch_stop(now, by);
-        self.asked.want(Wanted::Off, self.report.permit);
-        self.ramps_down = true;
-        self.setpoint = Setpoint::REST;
-    }
-
-    /// Asks the fast half to clear. A latched stop is cleared only when the rotors have come to rest, and one from outside, as a
-    /// fault, only by somebody who has heard of it.
-    fn clear(&mut self, now: Instant, halts: u8) -> Result<(), Refusal> {
-        let is_unheard =
-            |halt: Option<u8>| halt.is_some_and(|it| halts.wrapping_sub(it).cast_signed() < 0);
-        if is_unheard(self.fault) {
-            return Err(Refusal::Faulted(self.report.faults));
-        }
-        if is_unheard(self.stop_from_outside) {
-            return Err(Refusal::Stopped);
-        }
-        if self.ramps_down {
-            return Err(Refusal::State(State::Stopping));
-        }
-        (self.stop_from_outside, self.fault) = (None, None);
-        // While the motors are driven nothing is latched.
-        if self.report.state.is_idle() && !self.is_beginning() {
-            self.note_sign_of_life(now);
-            self.asked.want(Wanted::Clear, self.report.permit);
-        }
-        Ok(())
-    }
-
-    /// Returns the state as reported, but a robot that was just asked to ramp down does so already.
-    fn state(&self) -> State {
-        let state = self.report.state;
-        if self.ramps_down && !state.is_idle() { State::Stopping } else { state }
-    }
-
-    /// Refuses what moves while a fault or a stop is latched. A fault is named first: it is what a person has to look for.
-    fn check_cleared(&self) -> Result<(), Refusal> {
-        if self.report.faults != Faults::NONE {
-            Err(Refusal::Faulted(self.report.faults))
-        } else if self.report.stopped || self.asked.stops != self.report.stops {
-            Err(Refusal::Stopped)
-        } else {
-            Ok(())
-        }
     }
 
     fn tune<S: SettingsStore>(
@@ -942,14 +689,14 @@ impl Link {
         Some(ToOperator::Telemetry(self.telemetry(now, operator)))
     }
 
-    /// Returns the pair that an order commands, where the robot follows orders.
-    fn followed(&self) -> Option<Setpoint> {
+    /// Returns the pair that the robot follows.
+    fn followed(&self) -> Setpoint {
         let Report { state, permit, .. } = self.report;
         let is_followed = matches!(state, State::Armed | State::Running);
-        self.order.map(|order| match order {
+        match self.handed_on {
             Order::Shake(shown, setpoint) if shown == permit && is_followed => setpoint,
             _ => Setpoint::REST,
-        })
+        }
     }
 
     fn telemetry(&mut self, now: Instant, operator: OperatorName) -> Telemetry {
@@ -967,13 +714,12 @@ impl Link {
             stopped: report.stopped,
             link_late: report.link_late,
             frequency_limited: report.frequency_limited,
-            halts: self.halts,
             permit: report.permit,
             halt: report.halt,
             heard: self.heard.0,
             held_us: u16::try_from(now.since(self.heard.1).as_micros()).unwrap_or(u16::MAX),
             withheld: self.why_withheld(),
-            setpoint: self.followed().unwrap_or(self.setpoint),
+            setpoint: self.followed(),
             frequency: report.frequency.into(),
             direction: direction.into(),
             direction_range: [least, largest].map(Degrees::from),

@@ -1,32 +1,29 @@
-//! The robot's end of the link alone: what an operator may ask for in each state, and what comes back. The fast half
+//! The robot's end of the link alone: what it makes of orders and requests in each state, and what comes back. The fast half
 //! is a report that the test writes.
 
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use crate::no_store::NoStore;
+use crate::ends::{Ends, MILLISECOND, REPETITION, address, key, set};
 use flix_firmware::blackbox::{self, Kept};
 use flix_firmware::board::{DENGFOC_V3_01, GENERIC_ESP32C6};
 use flix_firmware::fast::exchange::{Asked, EventCounters, MotorReport, Report, Wanted};
-use flix_firmware::hardware::Hardware;
 use flix_firmware::link::{EVENTS, Link, bridges, identity};
-use flix_firmware::robot::Robot;
-use flix_firmware::settings::{COUNT, MOTOR_VALUES, Settings, Tuning};
+use flix_firmware::settings::{COUNT, MOTOR_VALUES, Settings};
 use flix_firmware::units::{Current, RotorAngle, Speed, Voltage};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, Fault, Faults, Identity, Magnet, Mark, Name, OperatorName, Order, Outcome,
-    PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Permit, Refusal, ResetReason, ScopeCommand,
-    ScopePlan, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial,
+    Command, Event, Fault, Faults, Halt, Identity, Magnet, Mark, Name, OperatorName, Order,
+    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Permit, Refusal, ResetReason,
+    ScopeCommand, ScopePlan, Setpoint, State, Telemetry, ToRobot, Trial, Withheld,
 };
 use flix_protocol::session::{
-    ConnectError, Key, Operator, OperatorReceived, OperatorSession, Operators, STOP_RETRY, Status,
-    StopSession, StopStatus,
+    ConnectError, Key, Operator, OperatorSession, Operators, STOP_RETRY, Status, StopSession,
+    StopStatus,
 };
-use flix_protocol::units::{Degrees, Hertz, Instant, Volts};
+use flix_protocol::units::{Hertz, Volts};
 
-const MILLISECOND: Duration = Duration::from_millis(1);
 /// Telemetry comes so often by default.
 const TELEMETRY: Duration = Duration::from_millis(20);
 const STATES: [State; 6] = [
@@ -37,142 +34,51 @@ const STATES: [State; 6] = [
     State::Stopping,
     State::Faulted,
 ];
-
-/// A link and its operator, whose datagrams arrive at once.
-struct Ends {
-    link: Link,
-    tuning: Tuning<NoStore>,
-    operator: OperatorSession,
-    intent: u8,
-    halts: u8,
-    now: Instant,
-    report: Report,
-    outcomes: Vec<Outcome>,
-    events: Vec<(u32, Event)>,
-    telemetry: Vec<Telemetry>,
-}
-
-fn key() -> Key {
-    Key::new([9; 32])
-}
+const PAIR: Setpoint = Setpoint::saturating(20.0, 30.0);
+const TRIAL: Trial = Trial {
+    motors: [true, false],
+    current_ma: 700,
+    angle: 0,
+    pattern: Pattern::Turn(60),
+    ticks: 3_000,
+};
+/// A permit that the robot has never stated.
+const UNKNOWN: Permit = Permit::new(77);
 
 fn outsider() -> SocketAddr {
     ([192, 168, 4, 3], 4_000).into()
-}
-
-fn address() -> SocketAddr {
-    ([192, 168, 4, 2], 4_000).into()
-}
-
-fn setpoint(frequency: f32, direction: f32) -> Setpoint {
-    Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap()).unwrap()
 }
 
 fn refused(refusal: Refusal) -> Outcome {
     Outcome::Refused(refusal)
 }
 
+fn connected() -> Ends {
+    let mut ends = Ends::unconnected(DENGFOC_V3_01.hardware);
+    ends.start();
+    ends
+}
+
+/// With a link that was steady for long enough to arm.
+fn proven() -> Ends {
+    let mut ends = connected();
+    ends.live(PROVING_TIME + LINK_LATE);
+    ends
+}
+
+/// The same, in this state.
+fn at(state: State) -> Ends {
+    let mut ends = proven();
+    ends.observe(|report| report.state = state);
+    ends
+}
+
 impl Ends {
-    fn unconnected() -> Self {
-        Self::on(DENGFOC_V3_01.hardware)
-    }
-
-    fn on(hardware: Hardware) -> Self {
-        let report = Robot::new(hardware, "ends", None, [1; 32], NoStore).report();
-        let (tuning, now) = (Tuning::new(NoStore), Instant::from_micros(1_000));
-        let name = identity("ends", &hardware);
-        let link = Link::new(name, &hardware, Some(key()), [2; 32], tuning.settings(), report);
-        let operator = OperatorSession::new(key(), [3; 32], now);
-        let (outcomes, events, telemetry) = (Vec::new(), Vec::new(), Vec::new());
-        Self {
-            link,
-            tuning,
-            operator,
-            intent: 0,
-            halts: 0,
-            now,
-            report,
-            outcomes,
-            events,
-            telemetry,
-        }
-    }
-
-    fn connected() -> Self {
-        let mut ends = Self::unconnected();
-        ends.connect();
-        ends
-    }
-
-    /// With a link that was steady for long enough to arm.
-    fn proven() -> Self {
-        let mut ends = Self::connected();
-        ends.live(PROVING_TIME + LINK_LATE);
-        ends
-    }
-
-    /// The same, in this state.
-    fn at(state: State) -> Self {
-        let mut ends = Self::proven();
-        ends.observe(|report| report.state = state);
-        ends
-    }
-
-    fn connect(&mut self) {
-        while self.operator.status(self.now) != Status::Connected {
-            let frame = self.operator.poll(self.now).unwrap();
-            self.hear(&frame);
-        }
-        // The fast half counts the session.
+    /// Opens a session, which the fast half counts.
+    fn start(&mut self) {
+        self.connect();
         self.observe(|_| {});
         self.drain();
-    }
-
-    fn hear(&mut self, datagram: &[u8]) {
-        self.link.receive(self.now, address(), datagram, &mut self.tuning);
-        self.drain();
-    }
-
-    /// Gives the operator all that the link has to send now.
-    fn drain(&mut self) {
-        let mut frame = Frame::new();
-        while self.link.poll_at(self.now).is_some_and(|at| at <= self.now) {
-            let to = self.link.transmit(self.now, self.tuning.settings(), &mut frame);
-            assert_eq!(to, Some(address()), "there was something to send");
-            match self.operator.receive(self.now, &frame) {
-                OperatorReceived::Message(ToOperator::Reply(reply)) => {
-                    self.outcomes.push(reply.outcome);
-                }
-                OperatorReceived::Message(ToOperator::Event(event)) => {
-                    self.events.push((event.number, event.event));
-                }
-                OperatorReceived::Message(ToOperator::Telemetry(telemetry)) => {
-                    self.telemetry.push(telemetry);
-                }
-                _ => {}
-            }
-        }
-    }
-
-    fn seal(&mut self, command: Command) -> Frame {
-        self.seal_as(7, command)
-    }
-
-    fn seal_as(&mut self, request: u32, command: Command) -> Frame {
-        let message = ToRobot { request, intent: self.intent, halts: self.halts, command };
-        self.operator.send(self.now, &message).unwrap()
-    }
-
-    /// Whatever the operator asks for from now on, he knows of all halts.
-    fn hear_of_halts(&mut self) {
-        self.live(TELEMETRY);
-        self.halts = self.telemetry.last().unwrap().halts;
-    }
-
-    fn say(&mut self, command: Command) -> Outcome {
-        let frame = self.seal(command);
-        self.hear(&frame);
-        self.outcomes.pop().expect("every command is answered at once")
     }
 
     fn wait(&mut self, time: Duration) {
@@ -182,466 +88,461 @@ impl Ends {
         }
     }
 
-    /// Waits with a ping every 20 ms.
+    /// Waits, and repeats the order every 20 ms.
     fn live(&mut self, time: Duration) {
-        for _ in 0..time.as_millis() / 20 {
-            self.wait(20 * MILLISECOND);
-            self.say(Command::Ping(0));
+        for _ in 0..time.as_millis() / REPETITION.as_millis() {
+            self.wait(REPETITION);
+            self.repeat();
         }
     }
 
-    /// Returns the order in force, and how many stops are to latch.
-    fn asked(&self) -> (Wanted, u8) {
-        (self.link.asked().wanted, self.link.asked().stops)
-    }
-
+    /// The fast half obeys all that it is asked for, and reports.
     fn observe(&mut self, change: impl FnOnce(&mut Report)) {
         self.report.time = self.now;
-        let Asked { number, stops, halts, .. } = *self.link.asked();
+        let Asked { number, stops, halts, .. } = *self.asked();
         (self.report.obeyed, self.report.stops, self.report.halts) = (number, stops, halts);
         change(&mut self.report);
-        self.link.observe(&self.report);
+        self.slow.link.observe(&self.report);
+    }
+
+    /// Returns what the robot states next, in the moment in which it does.
+    fn told(&mut self) -> Telemetry {
+        let before = self.telemetry.len();
+        while self.telemetry.len() == before {
+            self.wait(MILLISECOND);
+        }
+        *self.telemetry.last().unwrap()
     }
 
     fn happened(&mut self) -> Vec<Event> {
         self.wait(TELEMETRY);
         self.events.drain(..).map(|(_, event)| event).collect()
     }
+
+    /// Returns whether an order to arm may begin to drive motors, as [`ParameterCommand::Check`] has to say, too.
+    fn may_arm(&mut self) -> bool {
+        self.give(Order::Arm(self.permit()));
+        let begins = self.asked().begins;
+        let withheld = self.told().withheld;
+        self.give(Order::Off);
+        let check = self.say(Command::Parameter(ParameterCommand::Check));
+        assert_eq!(begins, check == Outcome::Done, "{check:?}");
+        assert_eq!(begins, withheld != Some(Withheld::Settings), "{withheld:?}");
+        begins
+    }
 }
 
 #[test]
-fn each_state_accepts_what_its_rotors_may_do_and_refuses_the_rest_with_its_name() {
-    use State::{Aligning, Armed, Disarmed, Faulted, Running, Stopping};
-    let [off, shake, stop, clear] =
-        [(Wanted::Off, 0), (Wanted::Shake, 0), (Wanted::Off, 1), (Wanted::Clear, 0)];
-    let set = ParameterCommand::Set("over_speed".try_into().unwrap(), 60.0);
-    for (command, accepting, asks) in [
-        (Command::Setpoint(setpoint(20.0, 30.0)), &[Armed, Running, Stopping][..], shake),
-        (Command::Disarm, &STATES, off),
-        (Command::Stop, &STATES, stop),
-        (Command::Clear, &STATES, clear),
-        (Command::Parameter(set), &[Disarmed, Faulted], off),
-        (Command::Parameter(ParameterCommand::Reset), &[Disarmed, Faulted], off),
-        (Command::Parameter(ParameterCommand::Save), &[Disarmed, Faulted], off),
-        (Command::Parameter(ParameterCommand::Accept), &[Disarmed, Faulted], off),
-        (Command::Parameter(ParameterCommand::Check), &STATES, off),
-        (Command::Ping(5), &STATES, off),
-        (Command::Crash, &STATES, off),
-        (Command::Bridges, &STATES, off),
+fn requests_order_nothing_and_change_settings_only_while_the_robot_is_idle() {
+    let parameter = Command::Parameter;
+    for (command, is_change) in [
+        (set("over_speed", 60.0), true),
+        (parameter(ParameterCommand::Reset), true),
+        (parameter(ParameterCommand::Save), true),
+        (parameter(ParameterCommand::Accept), true),
+        (parameter(ParameterCommand::Check), false),
+        (Command::Ping(5), false),
+        (Command::Crash, false),
+        (Command::Bridges, false),
     ] {
         for state in STATES {
-            let mut ends = Ends::at(state);
+            let mut ends = at(state);
+            let before = *ends.asked();
             let outcome = ends.say(command.clone());
-            let is_accepted = accepting.contains(&state);
-            assert_eq!(
-                is_accepted,
-                outcome != refused(Refusal::State(state)),
-                "{command:?} while {state}: {outcome:?}"
-            );
-            assert!(is_accepted != matches!(outcome, Outcome::Refused(_)), "{outcome:?}");
-            let is_latched = matches!(state, Disarmed | Faulted);
-            let expected = if is_accepted && (is_latched || asks != clear) { asks } else { off };
-            assert_eq!(ends.asked(), expected, "{command:?} while {state}");
+            if is_change && !state.is_idle() {
+                assert_eq!(outcome, refused(Refusal::State(state)), "{command:?}");
+            } else {
+                let is_refused = matches!(outcome, Outcome::Refused(_));
+                assert!(!is_refused, "{command:?} while {state}: {outcome:?}");
+            }
+            assert_eq!(*ends.asked(), before, "{command:?} while {state}");
         }
-    }
-    for (state, outcome, asks) in [
-        (Disarmed, Outcome::Done, Wanted::Arm),
-        (Aligning, Outcome::Done, Wanted::Off),
-        (Armed, Outcome::Done, Wanted::Off),
-        (Running, Outcome::Done, Wanted::Off),
-        (Stopping, refused(Refusal::State(Stopping)), Wanted::Off),
-        (Faulted, refused(Refusal::State(Faulted)), Wanted::Off),
-    ] {
-        let mut ends = Ends::at(state);
-        assert_eq!((ends.say(Command::Arm), ends.asked()), (outcome, (asks, 0)), "{state}");
     }
 }
 
 #[test]
-fn a_setpoint_is_handed_on_and_shown_until_the_robot_ramps_down() {
-    let shown = |ends: &mut Ends| {
-        ends.wait(TELEMETRY);
-        ends.telemetry.last().unwrap().setpoint
-    };
+fn each_order_is_handed_on_whole_whatever_the_state() {
+    for state in STATES {
+        for (order, wanted) in [
+            (Order::Off, Wanted::Off),
+            (Order::Stop, Wanted::Off),
+            (Order::Arm(UNKNOWN), Wanted::Arm),
+            (Order::Shake(UNKNOWN, PAIR), Wanted::Shake),
+            (Order::Try(UNKNOWN, TRIAL), Wanted::Try),
+            (Order::Clear(UNKNOWN), Wanted::Clear),
+        ] {
+            let mut ends = at(state);
+            let before = *ends.asked();
+            ends.give(order);
+            let asked = *ends.asked();
+            assert_eq!((asked.wanted, asked.number), (wanted, before.number + 1));
+            assert_eq!(asked.stops - before.stops, u8::from(order == Order::Stop));
+            assert_eq!(asked.halts, before.halts);
+            if let Some(permit) = order.permit() {
+                assert_eq!(asked.permit, permit);
+            }
+            if wanted == Wanted::Shake {
+                assert_eq!(asked.frequency, Speed::from_hertz(20.0));
+                assert_eq!(asked.direction, RotorAngle::from_degrees(30.0));
+            }
+            if wanted == Wanted::Try {
+                assert_eq!(asked.trial, Some(TRIAL));
+            }
+        }
+    }
+}
+
+#[test]
+fn the_pair_that_the_robot_follows_is_shown_until_it_ramps_down() {
     type Act = fn(&mut Ends);
-    let ends_it: [Act; 5] = [
-        |ends| drop(ends.say(Command::Disarm)),
-        |ends| drop(ends.say(Command::Stop)),
+    let ends_it: [Act; 7] = [
+        |ends| ends.give(Order::Off),
+        |ends| ends.give(Order::Stop),
+        |ends| ends.give(Order::Arm(ends.permit())),
+        |ends| ends.observe(|report| report.permit = report.permit.next()),
         |ends| ends.observe(|report| report.state = State::Disarmed),
-        |ends| ends.observe(|report| report.state = State::Aligning),
+        |ends| ends.observe(|report| report.state = State::Stopping),
         |ends| ends.observe(|report| report.state = State::Faulted),
     ];
     for act in ends_it {
-        let mut ends = Ends::at(State::Armed);
-        ends.say(Command::Setpoint(setpoint(20.0, 30.0)));
-        let asked = *ends.link.asked();
-        assert_eq!((asked.frequency, asked.wanted), (Speed::from_hertz(20.0), Wanted::Shake));
-        assert_eq!(asked.direction, RotorAngle::from_degrees(30.0));
-        assert_eq!(shown(&mut ends), setpoint(20.0, 30.0));
+        let mut ends = at(State::Armed);
+        ends.give(Order::Shake(ends.permit(), PAIR));
+        assert_eq!(ends.told().setpoint, PAIR);
         act(&mut ends);
-        assert_eq!(shown(&mut ends), Setpoint::REST);
+        assert_eq!(ends.told().setpoint, Setpoint::REST);
     }
 }
 
 #[test]
-fn rotors_that_came_to_rest_by_silence_turn_again_only_on_another_intent() {
-    let walk = || Command::Setpoint(setpoint(20.0, 30.0));
-    let mut ends = Ends::at(State::Armed);
-    assert_eq!(ends.say(walk()), Outcome::Done);
-    // A dip: what goes on before it rests needs no other intent.
-    for state in [State::Running, State::Stopping] {
-        ends.observe(|report| report.state = state);
-        assert_eq!(ends.say(walk()), Outcome::Done, "{state:?}");
-    }
-    ends.observe(|report| (report.state, report.permit) = (State::Armed, RESTED));
-    assert_ne!(ends.link.asked().permit, RESTED);
-    for _ in 0..2 {
-        ends.wait(TELEMETRY);
-        assert_eq!(ends.telemetry.last().unwrap().setpoint.frequency(), Hertz::ZERO);
-        assert_eq!(ends.say(walk()), refused(Refusal::Rested));
-        assert_eq!(ends.say(Command::Setpoint(setpoint(0.0, 30.0))), Outcome::Done);
-        assert_eq!(ends.link.asked().frequency, Speed::ZERO);
-        ends.observe(|_| {});
-    }
-    // Somebody who did not know yet that they rest.
-    ends.intent = 1;
-    assert_eq!(ends.say(walk()), refused(Refusal::Rested));
-    ends.wait(TELEMETRY);
-    (ends.intent, ends.halts) = (2, ends.telemetry.last().unwrap().halts);
-    for _ in 0..2 {
-        assert_eq!(ends.say(walk()), Outcome::Done, "it goes on with what began it");
-    }
-    let asked = *ends.link.asked();
-    assert_eq!((asked.frequency, asked.permit), (Speed::from_hertz(20.0), RESTED));
-    // Nor does one that was asked for earlier, and one that is armed anew starts from nothing.
-    for state in [State::Stopping, State::Armed, State::Disarmed] {
-        ends.observe(|report| report.state = state);
-    }
-    ends.live(PROVING_TIME);
-    ends.hear_of_halts();
-    assert_eq!(ends.say(Command::Arm), Outcome::Done);
-    ends.observe(|report| report.state = State::Armed);
-    assert_eq!(ends.say(walk()), Outcome::Done);
-}
-
-#[test]
-fn motors_that_were_let_go_in_silence_while_they_were_aligned_count_as_a_halt() {
-    for by_silence in [true, false] {
-        let mut ends = Ends::at(State::Aligning);
-        ends.live(TELEMETRY);
-        let before = ends.telemetry.last().unwrap().halts;
-        ends.observe(|report| {
-            report.state = State::Disarmed;
-            report.events.command_deadline += u8::from(by_silence);
-        });
-        ends.live(2 * TELEMETRY);
-        let after = ends.telemetry.last().unwrap().halts;
-        assert_eq!(after.wrapping_sub(before), u8::from(by_silence));
-    }
-}
-
-#[test]
-fn a_robot_that_was_asked_to_ramp_down_takes_no_setpoint_until_it_did() {
-    for command in [Command::Disarm, Command::Stop] {
-        let mut ends = Ends::at(State::Running);
-        ends.say(command.clone());
-        let late = ends.say(Command::Setpoint(setpoint(20.0, 0.0)));
-        let clear = ends.say(Command::Clear);
-        let stopping = refused(Refusal::State(State::Stopping));
-        let latched =
-            if command == Command::Stop { refused(Refusal::Stopped) } else { stopping.clone() };
-        assert_eq!([late, clear], [latched, stopping]);
-        ends.observe(|report| report.state = State::Disarmed);
-        assert_eq!(ends.say(Command::Clear), Outcome::Done);
-    }
-}
-
-#[test]
-fn a_robot_that_was_disarmed_before_it_began_to_arm_is_armed_again_only_once_it_obeyed() {
-    let mut ends = Ends::at(State::Disarmed);
-    let asked = [Command::Arm, Command::Disarm, Command::Arm].map(|command| ends.say(command));
-    assert_eq!(asked, [Outcome::Done, Outcome::Done, refused(Refusal::State(State::Stopping))]);
-    ends.observe(|_| {});
-    assert_eq!(ends.say(Command::Arm), Outcome::Done);
-}
-
-#[test]
-fn a_stop_from_outside_is_answered_with_rest_once_it_is_latched_and_nothing_is_driven() {
-    for (stopped, state, status) in [
-        (false, State::Disarmed, StopStatus::Latched),
-        (true, State::Stopping, StopStatus::Latched),
-        (true, State::Disarmed, StopStatus::AtRest),
+fn an_order_that_is_not_obeyed_is_answered_with_the_reason() {
+    use State::{Aligning, Armed, Disarmed, Faulted, Running, Stopping};
+    let no = None;
+    let [wrong, old, stopped, faulted, unproven] = [
+        Withheld::State,
+        Withheld::Permit,
+        Withheld::Stopped,
+        Withheld::Faulted,
+        Withheld::LinkUnproven,
+    ]
+    .map(Some);
+    let stall = Faults::NONE.with(Fault::Stall);
+    let [free, stop, fault, both] =
+        [(false, Faults::NONE), (true, Faults::NONE), (false, stall), (true, stall)];
+    // Whether the operator knows the last halt; what is said to `Arm`, `Shake`, `Try` and `Clear`.
+    for (from, state, latched, knows, reasons) in [
+        (proven as fn() -> Ends, Disarmed, free, true, [no, wrong, no, no]),
+        (connected, Disarmed, free, true, [unproven, wrong, unproven, no]),
+        (proven, Aligning, free, true, [no, wrong, no, wrong]),
+        (proven, Armed, free, true, [no, no, wrong, wrong]),
+        (proven, Running, free, true, [no, no, wrong, wrong]),
+        (proven, Stopping, free, true, [wrong, wrong, wrong, wrong]),
+        (proven, Disarmed, free, false, [old, old, old, no]),
+        (proven, Running, free, false, [no, old, old, wrong]),
+        // A fault is named before a stop, and both before all else.
+        (connected, Disarmed, stop, true, [stopped, stopped, stopped, no]),
+        (proven, Disarmed, stop, false, [stopped, stopped, stopped, old]),
+        (connected, Faulted, fault, true, [faulted, faulted, faulted, no]),
+        (proven, Faulted, both, false, [faulted, faulted, faulted, old]),
     ] {
-        let mut ends = Ends::at(state);
-        let mut stop = StopSession::new(&key(), [4; 32], ends.now);
+        let mut ends = from();
+        ends.observe(|report| {
+            report.state = state;
+            (report.stopped, report.faults) = latched;
+        });
+        let permit = if knows { ends.permit() } else { UNKNOWN };
+        let orders = [
+            Order::Arm(permit),
+            Order::Shake(permit, PAIR),
+            Order::Try(permit, TRIAL),
+            Order::Clear(permit),
+            Order::Stop,
+            Order::Off,
+        ];
+        for (order, reason) in orders.into_iter().zip(reasons.into_iter().chain([no, no])) {
+            ends.give(order);
+            let withheld = ends.told().withheld;
+            assert_eq!(withheld, reason, "{order:?} while {state}, {latched:?}, {knows}");
+        }
+    }
+}
+
+#[test]
+fn orders_in_range_alone_are_signs_of_life() {
+    let mut ends = at(State::Armed);
+    for command in [Command::Ping(0), Command::Identify, set("over_speed", 60.0)] {
+        let before = *ends.asked();
+        ends.wait(10 * MILLISECOND);
+        ends.say(command);
+        assert_eq!(ends.asked().heard, before.heard);
+    }
+    let permit = ends.permit();
+    let orders = [Order::Off, Order::Arm(permit), Order::Clear(permit), Order::Stop];
+    for order in [&orders[..], &[Order::Shake(UNKNOWN, PAIR), Order::Try(UNKNOWN, TRIAL)]].concat()
+    {
+        ends.wait(10 * MILLISECOND);
+        ends.give(order);
+        let Asked { heard, expires, .. } = *ends.asked();
+        let age = expires.since(heard);
+        assert!(age <= COMMAND_AGE && age > COMMAND_AGE - 2 * TELEMETRY, "{age:?}");
+        assert_eq!(heard, ends.now, "{order:?}");
+    }
+    let impossible = postcard::from_bytes(&[35.5f32, 0.0].map(f32::to_le_bytes).concat()).unwrap();
+    let wild = Trial { current_ma: 5_000, ..TRIAL };
+    for order in [Order::Shake(permit, impossible), Order::Try(permit, wild)] {
+        let Asked { number, heard, .. } = *ends.asked();
+        ends.wait(10 * MILLISECOND);
+        ends.give(order);
+        let after = ends.asked();
+        assert_eq!((after.number, after.heard), (number, heard), "{order:?}");
+        assert_eq!(ends.told().withheld, Some(Withheld::Range));
+    }
+}
+
+#[test]
+fn telemetry_names_the_newest_order_that_the_fast_half_looked_at() {
+    let mut ends = proven();
+    ends.observe(|_| {});
+    let before = ends.told().heard;
+    ends.give(Order::Off);
+    let (number, arrival) = (ends.operator.sealed(), ends.now);
+    ends.observe(|report| report.obeyed -= 1);
+    assert_eq!(ends.told().heard, before, "not looked at yet");
+    ends.observe(|_| {});
+    let late = ends.seal(ToRobot::Order(Order::Arm(ends.permit())));
+    // Neither a request nor an order that is not handed on takes its place.
+    ends.say(Command::Ping(0));
+    for _ in 0..5 {
+        let Telemetry { heard, held_us, .. } = ends.told();
+        let since = ends.now.since(arrival).as_micros();
+        assert_eq!((heard, held_us), (number, u16::try_from(since).unwrap_or(u16::MAX)));
+    }
+    ends.wait(2 * COMMAND_AGE);
+    ends.hear(&late);
+    ends.observe(|_| {});
+    assert_eq!((ends.told().heard, ends.told().held_us), (number, u16::MAX));
+}
+
+#[test]
+fn no_operator_is_shown_a_permit_of_before_his_session() {
+    let mut ends = Ends::unconnected(DENGFOC_V3_01.hardware);
+    ends.connect();
+    ends.wait(5 * TELEMETRY);
+    assert_eq!(ends.slow.transmit(ends.now, &mut Frame::new()), None);
+    assert!(ends.telemetry.is_empty());
+    let (permit, halt) = (Permit::new(5), Halt::Operator);
+    ends.observe(|report| (report.permit, report.halt) = (permit, halt));
+    assert_eq!((ends.told().permit, ends.told().halt), (permit, halt));
+}
+
+#[test]
+fn a_session_inherits_nothing_of_the_session_before() {
+    let accept = |number| ToRobot::request(number, Command::Parameter(ParameterCommand::Accept));
+    let mut ends = at(State::Disarmed);
+    ends.send(accept(99));
+    ends.give(Order::Shake(UNKNOWN, PAIR));
+    ends.observe(|_| {});
+    let told = ends.told();
+    assert_eq!((told.heard, told.withheld), (ends.operator.sealed(), Some(Withheld::Permit)));
+    ends.change_operator();
+    ends.start();
+    let told = ends.told();
+    assert_eq!((told.heard, told.withheld), (0, None));
+    ends.give(Order::Arm(told.permit));
+    assert!(!ends.asked().begins, "the link is proven anew");
+    // Its requests are counted from one.
+    ends.give(Order::Off);
+    ends.outcomes.clear();
+    ends.send(accept(1));
+    assert_eq!(ends.outcomes, [Outcome::Done]);
+}
+
+#[test]
+fn a_stop_from_outside_halts_once_and_is_answered_until_at_rest() {
+    let bob = Operator::new("bob".parse().unwrap(), &Key::new([0xb0; 32]));
+    let mut operators = Operators::from(key());
+    operators.add(bob.clone()).unwrap();
+    for (stopped, state, order, status) in [
+        (false, State::Disarmed, None, StopStatus::Latched),
+        (true, State::Stopping, None, StopStatus::Latched),
+        (true, State::Disarmed, None, StopStatus::AtRest),
+        // The fast half may have obeyed this order since its last report.
+        (true, State::Disarmed, Some(Order::Clear(UNKNOWN)), StopStatus::Latched),
+    ] {
+        let mut ends = at(state);
+        ends.slow.link.set_operators(operators.clone());
+        let before = *ends.asked();
+        let mut stop = StopSession::new(&bob.key(), [4; 32], ends.now);
         let mut frame = Frame::new();
         // Hello, the first Stop, and again once the robot has obeyed or not.
         for turn in 0..3 {
             if turn == 2 {
                 ends.observe(|report| (report.stopped, report.state) = (stopped, state));
+                order.into_iter().for_each(|order| ends.give(order));
                 ends.now = ends.now + STOP_RETRY;
             }
             let asked = stop.poll(ends.now).unwrap();
-            ends.link.receive(ends.now, outsider(), &asked, &mut ends.tuning);
-            let to = ends.link.transmit(ends.now, ends.tuning.settings(), &mut frame);
-            assert_eq!(to, Some(outsider()));
+            ends.slow.receive(ends.now, outsider(), &asked);
+            assert_eq!(ends.slow.transmit(ends.now, &mut frame), Some(outsider()));
             stop.receive(ends.now, &frame).unwrap();
         }
-        assert_eq!(stop.status(), status, "{stopped} {state}");
+        assert_eq!(stop.status(), status, "{stopped} {state} {order:?}");
+        let Asked { stops, halts, .. } = *ends.asked();
+        assert_eq!((stops - before.stops, halts - before.halts), (1, 1));
+        assert!(ends.happened().contains(&Event::StoppedFromOutside(bob.name())));
+        // The first who stops is named.
+        ends.give(Order::Stop);
+        assert_eq!(ends.told().stopped_by, stopped.then(|| bob.name()));
     }
 }
 
 #[test]
-fn a_stop_from_outside_is_cleared_by_nobody_who_has_not_heard_of_it() {
-    let mut ends = Ends::at(State::Disarmed);
-    ends.live(TELEMETRY);
-    // Sealed before, it arrives after.
-    let early = ends.seal(Command::Clear);
-    let mut stop = StopSession::new(&key(), [4; 32], ends.now);
-    let mut frame = Frame::new();
-    for _ in 0..2 {
-        let asked = stop.poll(ends.now).unwrap();
-        ends.link.receive(ends.now, outsider(), &asked, &mut ends.tuning);
-        ends.link.transmit(ends.now, ends.tuning.settings(), &mut frame);
-        stop.receive(ends.now, &frame).unwrap();
-    }
-    ends.observe(|report| report.stopped = true);
-    ends.hear(&early);
-    assert_eq!(ends.outcomes.pop(), Some(refused(Refusal::Stopped)));
-    ends.live(2 * TELEMETRY);
-    assert_eq!(ends.say(Command::Clear), refused(Refusal::Stopped), "asked for before");
-    ends.hear_of_halts();
-    assert_eq!(ends.say(Command::Clear), Outcome::Done);
-    // A stop that was cleared holds up no clear of later ones, however often the rotors came to rest since.
-    ends.halts = ends.halts.wrapping_add(i8::MAX as u8 + 2);
-    assert_eq!(ends.say(Command::Clear), Outcome::Done);
-}
-
-#[test]
-fn a_robot_that_halted_is_armed_by_nobody_who_has_not_heard_of_it() {
-    let lost: fn(&mut Report) = |report| report.events.link_lost += 1;
-    let rested: fn(&mut Report) = |report| report.state = State::Stopping;
-    for (from, halt) in [
-        (State::Armed, lost),
-        (State::Running, lost),
-        (State::Stopping, lost),
-        (State::Running, rested),
-    ] {
-        let mut ends = Ends::at(from);
-        ends.observe(halt);
-        for state in [State::Armed, State::Disarmed] {
-            ends.observe(|report| report.state = state);
-        }
-        ends.live(PROVING_TIME);
-        assert_eq!(ends.say(Command::Arm), refused(Refusal::Rested), "{from}");
-        ends.hear_of_halts();
-        assert_eq!(ends.say(Command::Arm), Outcome::Done, "{from}");
-        // Repeated, it is answered again, whatever its operator knew: it is armed.
-        ends.observe(|report| report.state = State::Armed);
-        ends.halts = ends.halts.wrapping_sub(1);
-        assert_eq!(ends.say(Command::Arm), Outcome::Done, "{from}");
-    }
-}
-
-#[test]
-fn a_robot_that_its_operator_disarmed_has_not_halted_by_itself() {
-    for command in [Command::Disarm, Command::Stop] {
-        let mut ends = Ends::at(State::Running);
-        ends.say(command);
-        ends.observe(|report| report.events.link_lost += 1);
-        ends.observe(|report| report.state = State::Disarmed);
-        // Nor has one that was at rest.
-        ends.observe(|report| report.events.link_lost += 1);
-        ends.live(TELEMETRY);
-        assert_eq!(ends.telemetry.last().unwrap().halts, 0);
-    }
-}
-
-#[test]
-fn a_fault_is_cleared_by_nobody_who_has_not_heard_of_it() {
-    let mut ends = Ends::at(State::Armed);
-    let fail = |ends: &mut Ends, fault| {
-        ends.observe(|report| {
-            report.state = State::Faulted;
-            report.faults = report.faults.with(fault);
-        });
-    };
-    let early = ends.seal(Command::Clear);
-    fail(&mut ends, Fault::Stall);
-    ends.hear(&early);
-    let stall = Faults::NONE.with(Fault::Stall);
-    assert_eq!(ends.outcomes.pop(), Some(refused(Refusal::Faulted(stall))));
-    ends.hear_of_halts();
-    fail(&mut ends, Fault::OverCurrent);
-    let both = stall.with(Fault::OverCurrent);
-    assert_eq!(ends.say(Command::Clear), refused(Refusal::Faulted(both)), "another one since");
-    ends.hear_of_halts();
-    ends.observe(|_| {});
-    assert_eq!(ends.say(Command::Clear), Outcome::Done);
-    ends.observe(|report| (report.state, report.faults) = (State::Disarmed, Faults::NONE));
-    ends.live(PROVING_TIME);
-    assert_eq!(ends.say(Command::Arm), Outcome::Done, "its operator knew of both");
-}
-
-#[test]
-fn what_was_asked_before_the_newest_change_undoes_nothing_when_it_is_repeated() {
-    let current = |value| {
-        let name = "current_limit".try_into().unwrap();
-        Command::Parameter(ParameterCommand::Set(name, value))
-    };
+fn nothing_older_undoes_the_newest_order_or_the_newest_change_of_settings() {
+    // An order that was overtaken on its way.
     for (earlier, newer) in [
-        (Command::Arm, Command::Disarm),
-        (Command::Clear, Command::Stop),
-        (current(2.4), current(0.9)),
+        (Order::Arm(Permit::default()), Order::Off),
+        (Order::Clear(Permit::default()), Order::Stop),
+        (Order::Off, Order::Arm(Permit::default())),
     ] {
-        let mut ends = Ends::at(State::Disarmed);
-        let newer = ends.seal_as(9, newer);
+        let mut ends = proven();
+        let [earlier, newer] = [earlier, newer].map(|order| ends.seal(ToRobot::Order(order)));
         ends.hear(&newer);
-        assert!(ends.outcomes.pop().is_some());
-        let asked = *ends.link.asked();
-        // Asked again by a client that repeats everything side by side.
-        let earlier = ends.seal_as(8, earlier);
+        let asked = *ends.asked();
         ends.hear(&earlier);
-        assert_eq!(ends.outcomes.pop(), None);
-        let Asked { wanted, number, stops, .. } = *ends.link.asked();
-        assert_eq!((wanted, number, stops), (asked.wanted, asked.number, asked.stops));
-        assert!(ends.tuning.settings().current_limit < 2.4);
+        assert_eq!(*ends.asked(), asked);
     }
-    // A question overtakes nothing, and is not overtaken.
-    for (earlier, newer) in [(current(0.9), Command::Ping(9)), (Command::Ping(8), current(0.9))] {
-        let mut ends = Ends::at(State::Disarmed);
+    // A request that was made earlier, and is repeated by a client that repeats several side by side. A question neither
+    // overtakes nor is overtaken.
+    let current = |value| set("current_limit", value);
+    for (earlier, newer, answers) in [
+        (current(2.4), current(0.9), 1),
+        (current(0.9), Command::Ping(9), 2),
+        (Command::Ping(8), current(0.9), 2),
+    ] {
+        let mut ends = proven();
         for (number, command) in [(9, newer), (8, earlier)] {
-            let frame = ends.seal_as(number, command);
-            ends.hear(&frame);
-            assert!(ends.outcomes.pop().is_some());
+            ends.send(ToRobot::request(number, command));
         }
-    }
-    // What makes the motors coast is obeyed however old it is.
-    for (number, command) in [(3, Command::Disarm), (2, Command::Stop)] {
-        let mut ends = Ends::at(State::Running);
-        let frame = ends.seal_as(number, command);
-        ends.hear(&frame);
-        assert_eq!(ends.outcomes.pop(), Some(Outcome::Done));
+        assert_eq!(ends.outcomes.len(), answers);
+        assert_eq!(ends.slow.settings().current_limit, 0.9);
     }
 }
 
 #[test]
-fn a_stop_and_a_fault_are_named_until_they_are_cleared() {
-    let faults = Faults::NONE.with(Fault::Stall);
-    for command in [Command::Arm, Command::Setpoint(setpoint(20.0, 0.0))] {
-        let mut ends = Ends::at(State::Disarmed);
-        ends.observe(|report| report.stopped = true);
-        assert_eq!(ends.say(command.clone()), refused(Refusal::Stopped));
-        // A robot that a program stopped because of the fault has both.
-        for stopped in [true, false] {
-            ends.observe(|report| (report.stopped, report.faults) = (stopped, faults));
-            assert_eq!(ends.say(command.clone()), refused(Refusal::Faulted(faults)));
-        }
-    }
-}
-
-#[test]
-fn a_latched_stop_is_reported_with_who_asked_for_it() {
-    let mut ends = Ends::at(State::Running);
+fn a_latched_stop_is_stated_with_its_operator_and_its_moment() {
+    let mut ends = at(State::Running);
     let shown = |ends: &mut Ends, stopped| {
         ends.observe(|report| report.stopped = stopped);
-        ends.wait(TELEMETRY);
-        ends.telemetry.last().unwrap().stopped_by
+        let Telemetry { stopped_by, stopped_at, .. } = ends.told();
+        assert_eq!(stopped_by, stopped_at.map(|_| OperatorName::OWNER));
+        stopped_at
     };
     assert_eq!(shown(&mut ends, false), None);
-    ends.say(Command::Stop);
-    assert_eq!(shown(&mut ends, true), Some(OperatorName::OWNER));
+    for _ in 0..2 {
+        ends.give(Order::Stop);
+        let now = ends.now;
+        // It is repeated until it is acknowledged, and a little longer.
+        for _ in 0..3 {
+            assert_eq!(shown(&mut ends, true), Some(now));
+            ends.repeat();
+        }
+        ends.give(Order::Clear(ends.permit()));
+    }
     assert_eq!(shown(&mut ends, false), None, "cleared");
 }
 
 #[test]
-fn arming_wants_commands_without_a_gap_for_the_proving_time() {
-    // Commands so often, for so long, and a last one so much later.
-    for (every, time, gap, outcome) in [
-        (99, PROVING_TIME, 0, Outcome::Done),
-        (100, 2 * PROVING_TIME, 0, refused(Refusal::LinkUnproven)),
-        (50, PROVING_TIME - 100 * MILLISECOND, 99, refused(Refusal::LinkUnproven)),
-        (50, PROVING_TIME - 50 * MILLISECOND, 50, Outcome::Done),
-        (50, PROVING_TIME, 99, Outcome::Done),
-        (50, PROVING_TIME, 100, refused(Refusal::LinkUnproven)),
+fn arming_wants_orders_without_a_gap_for_the_proving_time() {
+    // Orders so often, for so long, and the order to arm so much later.
+    for (every, time, gap, begins) in [
+        (99, PROVING_TIME, 0, true),
+        (100, 2 * PROVING_TIME, 0, false),
+        (50, PROVING_TIME - 100 * MILLISECOND, 99, false),
+        (50, PROVING_TIME - 50 * MILLISECOND, 50, true),
+        (50, PROVING_TIME, 99, true),
+        (50, PROVING_TIME, 100, false),
     ] {
-        let mut ends = Ends::connected();
-        ends.say(Command::Ping(0));
+        let mut ends = connected();
+        ends.give(Order::Off);
         for _ in 0..(time.as_millis() as u32).div_ceil(every) {
             ends.wait(every * MILLISECOND);
-            ends.say(Command::Ping(0));
+            ends.repeat();
         }
         ends.wait(gap * MILLISECOND);
-        assert_eq!(ends.say(Command::Arm), outcome, "{every} {time:?} {gap}");
+        ends.give(Order::Arm(ends.permit()));
+        assert_eq!(ends.asked().begins, begins, "{every} {time:?} {gap}");
+    }
+}
+
+/// The age at which commands of the next tests arrive.
+const LATE: Duration = Duration::from_millis(500);
+
+#[test]
+fn orders_that_come_too_late_calm_and_do_nothing_else() {
+    for (order, counts) in [
+        (Order::Off, true),
+        (Order::Stop, true),
+        (Order::Arm(Permit::default()), false),
+        (Order::Shake(Permit::default(), PAIR), false),
+        (Order::Try(Permit::default(), TRIAL), false),
+        (Order::Clear(Permit::default()), false),
+    ] {
+        let mut ends = proven();
+        ends.observe(|report| report.stopped = true);
+        let both = [order; 2].map(|order| ends.seal(ToRobot::Order(order)));
+        ends.happened();
+        let before = *ends.asked();
+        ends.wait(LATE);
+        both.iter().for_each(|frame| ends.hear(frame));
+        let asked = *ends.asked();
+        assert_eq!(asked.heard, before.heard, "{order:?} is no sign of life");
+        assert_eq!(asked.number - before.number, 2 * u32::from(counts), "{order:?}");
+        assert_eq!(asked.stops - before.stops, u8::from(order == Order::Stop));
+        let events = ends.happened();
+        let [Event::CommandsLate { age_ms, limit_ms: 400 }] = events[..] else {
+            panic!("told once: {events:?}")
+        };
+        assert!((500..560).contains(&age_ms), "{age_ms} ms");
+        let late = |it: Option<Withheld>| matches!(it, Some(Withheld::Late { limit_ms: 400, .. }));
+        let withheld = ends.told().withheld;
+        assert_eq!(late(withheld), !counts, "{order:?}: {withheld:?}");
     }
 }
 
 #[test]
-fn any_command_is_a_sign_of_life_at_rest_and_a_setpoint_alone_while_rotors_turn() {
-    let mut ends = Ends::at(State::Armed);
-    let heard = |ends: &mut Ends, command| {
-        ends.wait(10 * MILLISECOND);
-        ends.say(command);
-        let asked = ends.link.asked();
-        let age = asked.expires.since(asked.heard);
-        assert!(age <= COMMAND_AGE && age > COMMAND_AGE - 2 * TELEMETRY, "{age:?}");
-        asked.heard == ends.now
-    };
-    let ping = heard(&mut ends, Command::Ping(0));
-    let turn = heard(&mut ends, Command::Setpoint(setpoint(20.0, 0.0)));
-    let ping_while_turning = heard(&mut ends, Command::Ping(0));
-    let again = heard(&mut ends, Command::Setpoint(setpoint(20.0, 0.0)));
-    assert_eq!([ping, turn, ping_while_turning, again], [true, true, false, true]);
-}
-
-#[test]
-fn what_comes_too_late_is_refused_with_its_age_but_for_stopping_and_reading() {
-    let read = ParameterCommand::Get("over_speed".try_into().unwrap());
-    let set = ParameterCommand::Set("over_speed".try_into().unwrap(), 60.0);
+fn requests_that_come_too_late_are_answered_where_they_only_ask() {
+    let parameter = Command::Parameter;
     for (command, counts) in [
-        (Command::Stop, true),
-        (Command::Disarm, true),
         (Command::Identify, true),
         (Command::Crash, true),
         (Command::Bridges, true),
         (Command::Ping(3), true),
-        (Command::Parameter(read), true),
-        (Command::Parameter(ParameterCommand::List(0)), true),
-        (Command::Parameter(ParameterCommand::Check), true),
-        (Command::Parameter(ParameterCommand::Accept), false),
+        (parameter(ParameterCommand::Get("over_speed".try_into().unwrap())), true),
+        (parameter(ParameterCommand::List(0)), true),
+        (parameter(ParameterCommand::Check), true),
+        (parameter(ParameterCommand::Accept), false),
+        (set("over_speed", 60.0), false),
         (Command::Scope(ScopeCommand::Status), true),
         (Command::Scope(ScopeCommand::Read(0)), true),
-        (Command::Setpoint(setpoint(20.0, 0.0)), false),
-        (Command::Arm, false),
-        (Command::Clear, false),
-        (Command::Parameter(set), false),
         (Command::Scope(ScopeCommand::Begin(ScopePlan::watch())), false),
     ] {
-        let mut ends = Ends::at(State::Armed);
-        let [first, second] = [ends.seal(command.clone()), ends.seal(command.clone())];
-        ends.happened();
-        let heard = ends.link.asked().heard;
-        ends.wait(COMMAND_AGE + 100 * MILLISECOND);
-        ends.hear(&first);
-        ends.hear(&second);
-        let late = ends.happened();
-        let [Event::CommandsLate { age_ms, limit_ms: 400 }] = late[..] else { panic!("{late:?}") };
-        assert!((500..560).contains(&age_ms), "{age_ms} ms");
-        let is_late = |outcome: &Outcome| matches!(outcome, Outcome::Refused(Refusal::Late { .. }));
-        assert_eq!(
-            ends.outcomes.iter().filter(|outcome| is_late(outcome)).count(),
-            2 * usize::from(!counts)
-        );
-        assert_eq!(ends.link.asked().heard, heard, "{command:?} is no sign of life");
+        let mut ends = proven();
+        let frame = ends.seal(ToRobot::request(1, command.clone()));
+        ends.wait(LATE);
+        ends.hear(&frame);
+        ends.cross();
+        ends.drain();
+        let [outcome] = &ends.outcomes[..] else { panic!("{:?}", ends.outcomes) };
+        let is_late = matches!(outcome, Outcome::Refused(Refusal::Late { limit_ms: 400, .. }));
+        assert_eq!(is_late, !counts, "{command:?}: {outcome:?}");
     }
 }
 
 #[test]
 fn a_slow_link_is_reported_again_only_after_it_was_steady() {
     for (steady, reports) in [(PROVING_TIME - LINK_LATE, 0), (PROVING_TIME + LINK_LATE, 1)] {
-        let mut ends = Ends::proven();
+        let mut ends = proven();
         let late = |ends: &mut Ends| {
-            let kept = ends.seal(Command::Ping(0));
+            let kept = ends.seal(ToRobot::Order(Order::Off));
             ends.wait(2 * COMMAND_AGE);
             ends.hear(&kept);
             ends.happened().iter().filter(|e| matches!(e, Event::CommandsLate { .. })).count()
@@ -653,20 +554,19 @@ fn a_slow_link_is_reported_again_only_after_it_was_steady() {
 }
 
 #[test]
-fn the_command_age_counts_as_soon_as_it_is_set_and_until_it_is_reset() {
+fn a_command_age_counts_at_once_when_it_is_set_or_reset() {
     let limit = |ends: &mut Ends| {
         ends.live(PROVING_TIME + LINK_LATE);
-        let frame = ends.seal(Command::Arm);
+        let frame = ends.seal(ToRobot::Order(Order::Arm(ends.permit())));
         ends.wait(Duration::from_millis(1_500));
         ends.hear(&frame);
-        match ends.outcomes.pop() {
-            Some(Outcome::Refused(Refusal::Late { limit_ms, .. })) => limit_ms,
+        match ends.told().withheld {
+            Some(Withheld::Late { limit_ms, .. }) => limit_ms,
             other => panic!("{other:?}"),
         }
     };
-    let mut ends = Ends::proven();
-    let set = ParameterCommand::Set("command_age".try_into().unwrap(), 0.8);
-    ends.say(Command::Parameter(set));
+    let mut ends = proven();
+    ends.say(set("command_age", 0.8));
     let longer = limit(&mut ends);
     ends.say(Command::Parameter(ParameterCommand::Reset));
     assert_eq!([longer, limit(&mut ends)], [800, 400]);
@@ -674,12 +574,7 @@ fn the_command_age_counts_as_soon_as_it_is_set_and_until_it_is_reset() {
 
 /// The age of commands and the ramp down are 0.85 s together at most: the promise holds for the settings that are in force.
 #[test]
-fn a_robot_arms_with_no_age_of_commands_that_lets_rotors_turn_longer_than_promised() {
-    let set = |ends: &mut Ends, name: &str, value: f32| {
-        let outcome =
-            ends.say(Command::Parameter(ParameterCommand::Set(name.try_into().unwrap(), value)));
-        assert!(matches!(outcome, Outcome::Parameter(it) if it.value == value), "{name}");
-    };
+fn a_robot_arms_with_no_age_of_commands_longer_than_promised() {
     for (ramp, age, longest) in [
         (200.0, 1.0, Some(0.6)),
         (200.0, 0.61, Some(0.6)),
@@ -690,26 +585,26 @@ fn a_robot_arms_with_no_age_of_commands_that_lets_rotors_turn_longer_than_promis
         (20.0, 0.45, None),
         (200.0, 0.1, None),
     ] {
-        let mut ends = Ends::proven();
-        set(&mut ends, "frequency_ramp", ramp);
-        set(&mut ends, "command_age", age);
+        let mut ends = proven();
+        for (name, value) in [("frequency_ramp", ramp), ("command_age", age)] {
+            let outcome = ends.say(set(name, value));
+            assert!(matches!(outcome, Outcome::Parameter(it) if it.value == value), "{name}");
+        }
         let wanted = longest.map_or(Outcome::Done, |maximum| {
             let name = "command_age".try_into().unwrap();
-            Outcome::Refused(Refusal::OutOfRange { name, minimum: 0.1, maximum })
+            refused(Refusal::OutOfRange { name, minimum: 0.1, maximum })
         });
-        for command in [Command::Parameter(ParameterCommand::Check), Command::Arm] {
-            assert_eq!(ends.say(command), wanted, "{age} s, {ramp} Hz/s");
-        }
+        let check = ends.say(Command::Parameter(ParameterCommand::Check));
+        assert_eq!(check, wanted, "{age} s, {ramp} Hz/s");
+        assert_eq!(ends.may_arm(), longest.is_none());
         // It is refused, and never changed.
-        let get = ParameterCommand::Get("command_age".try_into().unwrap());
-        let outcome = ends.say(Command::Parameter(get));
-        assert!(matches!(outcome, Outcome::Parameter(it) if it.value == age), "{age} s");
+        assert_eq!(ends.slow.settings().command_age, age);
     }
 }
 
 #[test]
-fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up() {
-    let mut ends = Ends::connected();
+fn everything_that_the_fast_half_reports_becomes_one_numbered_event() {
+    let mut ends = connected();
     ends.happened();
     ends.observe(|report| {
         report.events = EventCounters {
@@ -752,12 +647,14 @@ fn what_the_fast_half_reports_becomes_one_event_each_with_numbers_that_count_up(
 }
 
 #[test]
-fn of_too_many_events_the_newest_stay() {
-    let mut ends = Ends::unconnected();
+fn the_newest_of_too_many_events_stay() {
+    let mut ends = Ends::unconnected(DENGFOC_V3_01.hardware);
     for number in 0..EVENTS + 5 {
-        ends.link.add_event(ends.now, if number < 5 { Event::Stopped } else { Event::Cleared });
+        ends.slow
+            .link
+            .add_event(ends.now, if number < 5 { Event::Stopped } else { Event::Cleared });
     }
-    ends.connect();
+    ends.start();
     let events = ends.happened();
     assert_eq!(events.len(), EVENTS);
     assert_eq!(events.iter().filter(|event| **event == Event::Cleared).count(), EVENTS - 1);
@@ -766,14 +663,12 @@ fn of_too_many_events_the_newest_stay() {
 
 #[test]
 fn an_operator_who_gives_orders_has_telemetry_of_at_most_20_ms() {
-    let mut ends = Ends::connected();
-    let rate = ParameterCommand::Set("telemetry_rate".try_into().unwrap(), 1.0);
-    assert!(matches!(ends.say(Command::Parameter(rate)), Outcome::Parameter(_)));
+    let mut ends = connected();
+    assert!(matches!(ends.say(set("telemetry_rate", 1.0)), Outcome::Parameter(_)));
     for (orders, least) in [(false, 0), (true, 49)] {
         ends.telemetry.clear();
         if orders {
-            let order = ends.seal(Command::Order(Order::Off));
-            ends.hear(&order);
+            ends.give(Order::Off);
         }
         ends.wait(Duration::from_millis(990));
         let count = ends.telemetry.len();
@@ -783,9 +678,11 @@ fn an_operator_who_gives_orders_has_telemetry_of_at_most_20_ms() {
 
 #[test]
 fn telemetry_comes_at_its_rate_and_says_what_was_reported() {
-    let mut ends = Ends::connected();
-    ends.link.set_signal(Some(-60));
+    let mut ends = connected();
+    ends.slow.link.set_signal(Some(-60));
+    let (permit, halt) = (Permit::new(5), Halt::Rested);
     ends.observe(|report| {
+        (report.permit, report.halt) = (permit, halt);
         report.modulation = u16::MAX / 4;
         report.direction = RotorAngle::from_degrees(31.0);
         // Two readings since the telemetry before: what is reported is their mean, and both.
@@ -804,6 +701,7 @@ fn telemetry_comes_at_its_rate_and_says_what_was_reported() {
     ends.wait(100 * MILLISECOND);
     assert_eq!(ends.telemetry.len(), 5);
     let telemetry = ends.telemetry.pop().unwrap();
+    assert_eq!((telemetry.permit, telemetry.halt), (permit, halt));
     assert!((telemetry.modulation.get() - 0.25).abs() < 1e-4);
     assert!((telemetry.direction.get() - 30.0).abs() < 1e-4);
     let motor = telemetry.motors[1];
@@ -818,32 +716,32 @@ fn telemetry_comes_at_its_rate_and_says_what_was_reported() {
         assert!((value - expected).abs() < 1e-3, "{values:?}");
     }
     assert_eq!(
-        (telemetry.link.signal_dbm, ends.link.quality(ends.now).signal_dbm),
+        (telemetry.link.signal_dbm, ends.slow.link.quality(ends.now).signal_dbm),
         (Some(-60), Some(-60))
     );
     // After a pause it goes on at its rate: nothing is made up for.
-    let period = ends.link.asked().period;
+    let period = ends.asked().period;
     ends.now = ends.now + 10 * TELEMETRY;
     ends.drain();
     ends.wait(2 * TELEMETRY);
-    assert_eq!((ends.telemetry.len(), ends.link.asked().period), (5 - 1 + 3, period + 3));
+    assert_eq!((ends.telemetry.len(), ends.asked().period), (5 - 1 + 3, period + 3));
 }
 
 #[test]
-fn telemetry_that_is_sent_late_does_not_shift_the_next_and_a_whole_interval_late_counts_for_both() {
-    let mut ends = Ends::connected();
+fn telemetry_that_is_sent_late_does_not_shift_the_next() {
+    let mut ends = connected();
     for (late, next) in [(TELEMETRY / 4, TELEMETRY * 3 / 4), (TELEMETRY, TELEMETRY)] {
         ends.telemetry.clear();
-        ends.now = ends.link.poll_at(ends.now).unwrap() + late;
+        ends.now = ends.slow.poll_at(ends.now).unwrap() + late;
         ends.drain();
-        let due = ends.link.poll_at(ends.now).unwrap();
+        let due = ends.slow.poll_at(ends.now).unwrap();
         assert_eq!((ends.telemetry.len(), due.since(ends.now)), (1, next), "{late:?}");
     }
 }
 
 #[test]
-fn parameters_are_listed_page_by_page_found_by_name_and_kept_in_range() {
-    let mut ends = Ends::proven();
+fn parameters_are_listed_by_page_found_by_name_and_kept_in_range() {
+    let mut ends = proven();
     let mut names = Vec::new();
     while names.len() < COUNT {
         let list = ParameterCommand::List(names.len() as u16);
@@ -856,112 +754,104 @@ fn parameters_are_listed_page_by_page_found_by_name_and_kept_in_range() {
     }
     names.dedup();
     assert_eq!(names.len(), COUNT);
-    let mut say = |command| ends.say(Command::Parameter(command));
-    let get = |name: &str| ParameterCommand::Get(name.try_into().unwrap());
-    let set = |name: &str, value| ParameterCommand::Set(name.try_into().unwrap(), value);
-    assert_eq!(say(get("warp_factor")), refused(Refusal::UnknownParameter));
-    let refusal = say(set("over_speed", 1e9));
+    let get = |name: &str| Command::Parameter(ParameterCommand::Get(name.try_into().unwrap()));
+    assert_eq!(ends.say(get("warp_factor")), refused(Refusal::UnknownParameter));
+    let refusal = ends.say(set("over_speed", 1e9));
     assert!(matches!(refusal, Outcome::Refused(Refusal::OutOfRange { .. })), "{refusal:?}");
-    let Outcome::Parameter(changed) = say(set("over_speed", 60.0)) else { panic!("not set") };
-    let Outcome::Parameter(read) = say(get("over_speed")) else { panic!("not found") };
-    assert_eq!((changed.value, read.value), (60.0, 60.0));
-    assert_eq!(say(ParameterCommand::Reset), Outcome::Done);
-    assert_eq!(ends.tuning.settings(), &Settings::DEFAULT);
+    for command in [set("over_speed", 60.0), get("over_speed")] {
+        let outcome = ends.say(command);
+        assert!(matches!(outcome, Outcome::Parameter(ref it) if it.value == 60.0), "{outcome:?}");
+    }
+    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
+    assert_eq!(ends.slow.settings(), &Settings::DEFAULT);
     assert_eq!(ends.say(Command::Parameter(ParameterCommand::Save)), Outcome::Done);
     assert!(ends.happened().contains(&Event::SettingsSaved));
 }
 
 #[test]
-fn a_robot_does_not_arm_on_assumed_motors_until_their_values_are_entered_or_measured() {
-    let mut ends = Ends::proven();
-    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
+fn a_robot_arms_on_motor_values_that_are_entered_measured_or_accepted() {
+    let reset = || Command::Parameter(ParameterCommand::Reset);
+    let mut ends = proven();
+    assert_eq!(ends.say(reset()), Outcome::Done);
     for (index, name) in MOTOR_VALUES.into_iter().enumerate() {
         let name: Name = name.try_into().unwrap();
         let refusal = Refusal::Assumed { name: name.clone() };
         assert!(refusal.to_string().contains("flix commission"), "{refusal}");
         assert!(refusal.to_string().contains("flix parameters accept"), "{refusal}");
-        for command in [Command::Arm, Command::Parameter(ParameterCommand::Check)] {
-            assert_eq!(ends.say(command), refused(refusal.clone()));
-        }
-        let value = ends.tuning.settings().get(&name).unwrap();
-        let mark = if index % 2 == 0 { Mark::Entered } else { Mark::Measured };
-        let command = match mark {
-            Mark::Entered => ParameterCommand::Set(name, value),
-            mark => ParameterCommand::Put(name, value, mark),
+        assert_eq!(ends.say(Command::Parameter(ParameterCommand::Check)), refused(refusal));
+        assert!(!ends.may_arm());
+        let value = ends.slow.settings().get(&name).unwrap();
+        let (command, mark) = match index % 2 {
+            0 => (ParameterCommand::Set(name, value), Mark::Entered),
+            _ => (ParameterCommand::Put(name, value, Mark::Measured), Mark::Measured),
         };
-        let Outcome::Parameter(put) = ends.say(Command::Parameter(command)) else {
-            panic!("not set")
-        };
-        assert_eq!(put.mark, Some(mark));
+        let outcome = ends.say(Command::Parameter(command));
+        assert!(matches!(outcome, Outcome::Parameter(it) if it.mark == Some(mark)));
     }
-    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Check)), Outcome::Done);
-    assert_eq!(ends.say(Command::Arm), Outcome::Done);
-}
-
-#[test]
-fn what_is_assumed_is_taken_on_request_where_currents_are_measured() {
-    let mut ends = Ends::proven();
-    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
-    assert!(matches!(ends.say(Command::Arm), Outcome::Refused(Refusal::Assumed { .. })));
+    assert!(ends.may_arm());
+    assert_eq!(ends.say(reset()), Outcome::Done);
+    assert!(!ends.may_arm());
     assert_eq!(ends.say(Command::Parameter(ParameterCommand::Accept)), Outcome::Done);
-    assert_eq!(ends.say(Command::Arm), Outcome::Done);
+    assert!(ends.may_arm());
 }
 
 #[test]
-fn in_voltage_mode_resistance_and_flux_are_entered_and_nothing_else_will_do() {
-    let mut ends = Ends::on(GENERIC_ESP32C6.hardware);
-    ends.connect();
+fn a_board_without_current_sense_wants_resistance_and_flux_entered() {
+    let mut ends = Ends::unconnected(GENERIC_ESP32C6.hardware);
+    ends.start();
     ends.live(PROVING_TIME + LINK_LATE);
     assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
-    let accept = Command::Parameter(ParameterCommand::Accept);
     for name in ["phase_resistance", "flux_linkage"] {
         for motor in ["top", "bottom"] {
-            let name: Name = format!("{motor}_{name}").as_str().try_into().unwrap();
-            let refusal = Refusal::AssumedUnmeasured { name: name.clone() };
+            let name = format!("{motor}_{name}");
+            let refusal = Refusal::AssumedUnmeasured { name: name.as_str().try_into().unwrap() };
             assert!(refusal.to_string().contains("flix parameters set"), "{refusal}");
-            assert_eq!(ends.say(Command::Arm), refused(refusal.clone()));
-            assert_eq!(ends.say(accept.clone()), refused(refusal));
-            ends.say(Command::Parameter(ParameterCommand::Set(name, 4.0)));
+            for command in [ParameterCommand::Check, ParameterCommand::Accept] {
+                assert_eq!(ends.say(Command::Parameter(command)), refused(refusal.clone()));
+            }
+            assert!(!ends.may_arm());
+            ends.say(set(&name, 4.0));
         }
     }
-    assert_eq!(ends.say(Command::Arm), Outcome::Done);
+    assert!(ends.may_arm());
+    // Nothing bounds a trial.
+    let number = ends.asked().number;
+    ends.give(Order::Try(ends.permit(), TRIAL));
+    assert_eq!(ends.told().withheld, Some(Withheld::NoCurrentSense));
+    assert_eq!(ends.asked().number, number);
 }
 
 #[test]
-fn arming_is_refused_by_what_the_loops_are_now_and_by_nothing_that_was_before() {
-    let unstable =
-        |outcome: &Outcome| matches!(outcome, Outcome::Refused(Refusal::UnstablePosition { .. }));
-    let set = |ends: &mut Ends, name: &str, value| {
-        ends.say(Command::Parameter(ParameterCommand::Set(name.try_into().unwrap(), value)))
-    };
-    let said = |ends: &mut Ends| {
-        let check = ends.say(Command::Parameter(ParameterCommand::Check));
-        let arm = ends.say(Command::Arm);
-        assert_eq!(check, arm);
-        check
-    };
-    let mut ends = Ends::proven();
-    let stable = ends.tuning.settings().position_bandwidth;
-    assert!(matches!(set(&mut ends, "position_bandwidth", 50.0), Outcome::Parameter(_)));
-    assert!(unstable(&said(&mut ends)));
-    // Nothing else makes it better: neither a mark, nor another alignment.
-    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Accept)), Outcome::Done);
-    assert!(unstable(&said(&mut ends)));
-    set(&mut ends, "top_electrical_offset", 12.0);
-    assert!(unstable(&said(&mut ends)));
-    // What the loops are changes with their partners, one after the other, and back.
-    set(&mut ends, "position_bandwidth", stable);
-    set(&mut ends, "tracker_bandwidth", 40.0);
-    assert!(unstable(&said(&mut ends)));
-    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Reset)), Outcome::Done);
-    assert!(matches!(ends.say(Command::Arm), Outcome::Refused(Refusal::Assumed { .. })));
-    assert_eq!(ends.say(Command::Parameter(ParameterCommand::Accept)), Outcome::Done);
-    assert_eq!(said(&mut ends), Outcome::Done);
+fn arming_is_refused_by_what_the_loops_are_now_alone() {
+    let parameter = Command::Parameter;
+    let mut ends = proven();
+    let stable = ends.slow.settings().position_bandwidth;
+    for command in [
+        set("position_bandwidth", 50.0),
+        // Nothing else makes it better: neither a mark, nor another alignment.
+        parameter(ParameterCommand::Accept),
+        set("top_electrical_offset", 12.0),
+    ] {
+        assert!(!matches!(ends.say(command), Outcome::Refused(_)));
+        let check = ends.say(parameter(ParameterCommand::Check));
+        assert!(matches!(check, Outcome::Refused(Refusal::UnstablePosition { .. })), "{check:?}");
+        assert!(!ends.may_arm());
+    }
+    // The margin is that of both partners, one changed after the other, and back.
+    ends.say(set("position_bandwidth", stable));
+    assert!(ends.may_arm());
+    ends.say(set("tracker_bandwidth", 40.0));
+    assert!(!ends.may_arm());
+    ends.say(parameter(ParameterCommand::Reset));
+    let check = ends.say(parameter(ParameterCommand::Check));
+    assert!(matches!(check, Outcome::Refused(Refusal::Assumed { .. })), "{check:?}");
+    ends.say(parameter(ParameterCommand::Accept));
+    assert!(ends.may_arm());
 }
 
 #[test]
 fn each_trouble_with_a_magnet_is_an_event_once_for_each_motor() {
-    let mut ends = Ends::connected();
+    let mut ends = connected();
     ends.happened();
     let mut shown = |magnets: [Magnet; 2]| {
         ends.observe(|report| {
@@ -983,64 +873,62 @@ fn each_trouble_with_a_magnet_is_an_event_once_for_each_motor() {
 }
 
 #[test]
-fn another_operator_inherits_no_running_robot() {
-    for leave in [false, true] {
-        let mut ends = Ends::at(State::Running);
-        let before = ends.link.asked().halts;
-        if leave {
+fn an_operator_who_leaves_or_is_revoked_leaves_a_robot_that_disarms() {
+    let bob = Operator::new("bob".parse().unwrap(), &Key::new([0xb0; 32]));
+    for (operators, is_over) in [
+        (None, true),
+        (Some(Operators::from(None)), true),
+        (Some(bob.into()), true),
+        (Some(Operators::from(Some(key()))), false),
+    ] {
+        let mut ends = at(State::Running);
+        ends.give(Order::Shake(ends.permit(), PAIR));
+        let before = ends.asked().halts;
+        if let Some(operators) = operators {
+            ends.slow.link.set_operators(operators);
+        } else {
             let goodbye = ends.operator.goodbye().unwrap();
             ends.hear(&goodbye);
-            assert_eq!(ends.link.operator(ends.now), None);
-        } else {
-            ends.link.set_operators(None);
         }
-        let Asked { wanted, halts, .. } = *ends.link.asked();
-        assert_eq!((wanted, halts), (Wanted::Off, before.wrapping_add(1)));
-    }
-}
-
-#[test]
-fn revoking_the_operator_disarms_and_revoking_another_does_not() {
-    let bob = Operator::new("bob".parse().unwrap(), &Key::new([0xb0; 32]));
-    for (operators, disarm) in [(Operators::from(Some(key())), 0), (bob.into(), 1)] {
-        let mut ends = Ends::at(State::Running);
-        let before = ends.link.asked().halts;
-        ends.link.set_operators(operators);
-        assert_eq!(ends.link.asked().halts.wrapping_sub(before), disarm);
-        assert_eq!(ends.link.operator(ends.now).is_none(), disarm == 1);
+        let wanted = if is_over { Wanted::Off } else { Wanted::Shake };
+        let halts = ends.asked().halts - before;
+        assert_eq!((ends.asked().wanted, halts), (wanted, u8::from(is_over)));
+        assert_eq!(ends.slow.link.operator(ends.now).is_none(), is_over);
     }
 }
 
 #[test]
 fn a_robot_says_who_it_is_and_who_holds_it() {
-    let mut ends = Ends::unconnected();
-    assert_eq!((ends.link.operator(ends.now), ends.link.poll_at(ends.now)), (None, None));
-    ends.connect();
-    assert_eq!(ends.link.operator(ends.now), Some(address()));
-    assert_eq!(ends.link.driver(ends.now), Some(OperatorName::OWNER));
+    let mut ends = Ends::unconnected(DENGFOC_V3_01.hardware);
+    assert_eq!((ends.slow.link.operator(ends.now), ends.slow.poll_at(ends.now)), (None, None));
+    ends.start();
+    assert_eq!(ends.slow.link.operator(ends.now), Some(address()));
+    assert_eq!(ends.slow.link.driver(ends.now), Some(OperatorName::OWNER));
     let hardware = DENGFOC_V3_01.hardware;
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(identity("ends", &hardware)));
     assert_ne!(identity("ends", &hardware), identity("daisy", &hardware));
-    ends.link.set_name("daisy");
+    ends.slow.link.set_name("daisy");
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(identity("daisy", &hardware)));
-    ends.link.set_reset(ResetReason::BrownOut);
+    ends.slow.link.set_reset(ResetReason::BrownOut);
     let restarted = Identity { reset: ResetReason::BrownOut, ..identity("daisy", &hardware) };
     assert_eq!(ends.say(Command::Identify), Outcome::Identity(restarted));
     assert_eq!(ends.say(Command::Ping(41)), Outcome::Pong(41));
+    let bridges = bridges(&hardware);
+    assert_eq!(ends.say(Command::Bridges), Outcome::Bridges(bridges));
 }
 
 #[test]
 fn a_robot_without_operators_opens_no_session() {
-    let mut ends = Ends::connected();
-    ends.link.set_operators(None);
-    assert_eq!(ends.link.operator(ends.now), None);
+    let mut ends = connected();
+    ends.slow.link.set_operators(None);
+    assert_eq!(ends.slow.link.operator(ends.now), None);
     let mut newcomer = OperatorSession::new(key(), [5; 32], ends.now);
     let mut frame = Frame::new();
     while let Status::Connecting = newcomer.status(ends.now) {
         if let Some(said) = newcomer.poll(ends.now) {
-            ends.link.receive(ends.now, outsider(), &said, &mut ends.tuning);
+            ends.slow.receive(ends.now, outsider(), &said);
         }
-        while ends.link.transmit(ends.now, ends.tuning.settings(), &mut frame) == Some(outsider()) {
+        while ends.slow.transmit(ends.now, &mut frame) == Some(outsider()) {
             let _ = newcomer.receive(ends.now, &frame);
         }
         ends.now = ends.now + MILLISECOND;
@@ -1049,166 +937,23 @@ fn a_robot_without_operators_opens_no_session() {
 }
 
 #[test]
-fn a_robot_says_what_it_kept_of_its_last_accident_and_keeps_its_faults_for_the_next_run() {
-    let mut ends = Ends::connected();
+fn a_robot_reports_its_last_accident_and_keeps_faults_for_the_next() {
+    let mut ends = connected();
     assert_eq!(ends.say(Command::Crash), Outcome::Crash(None));
     let run = |link: &mut Link| {
         let mut bytes = [0; blackbox::BYTES];
         bytes[blackbox::RUN].copy_from_slice(&link.keep().unwrap());
         Kept::decode(&bytes).report(ResetReason::Tasks).unwrap()
     };
-    let quiet = run(&mut ends.link);
+    let quiet = run(&mut ends.slow.link);
     assert_eq!((quiet.version.as_str(), quiet.fault), (env!("CARGO_PKG_VERSION"), None));
     ends.observe(|report| {
         report.faults = Faults::NONE.with(Fault::Stall);
         report.first_fault = Some(Fault::Stall);
     });
-    let kept = run(&mut ends.link);
+    let kept = run(&mut ends.slow.link);
     assert_eq!(kept.fault.unwrap().first_fault, Some(Fault::Stall));
     assert_eq!(ends.say(Command::Crash), Outcome::Crash(None), "that was this run");
-    ends.link.set_crash(Some(kept.clone()));
+    ends.slow.link.set_crash(Some(kept.clone()));
     assert_eq!(ends.say(Command::Crash), Outcome::Crash(Some(kept)));
-}
-
-/// The permit after a halt.
-const RESTED: Permit = Permit::new(1);
-
-const TRIAL: Trial = Trial {
-    motors: [true, false],
-    current_ma: 700,
-    angle: 0,
-    pattern: Pattern::Turn(60),
-    ticks: 3_000,
-};
-
-#[test]
-fn a_trial_is_for_a_disarmed_robot_over_a_steady_link() {
-    let mut ends = Ends::proven();
-    let bridges = bridges(&DENGFOC_V3_01.hardware);
-    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
-    let asked = *ends.link.asked();
-    assert_eq!((asked.trial, asked.wanted), (Some(TRIAL), Wanted::Try));
-    for state in [State::Aligning, State::Armed, State::Running, State::Stopping, State::Faulted] {
-        let mut ends = Ends::at(state);
-        assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::State(state)), "{state}");
-        assert_eq!(ends.link.asked().trial, None, "{state}");
-    }
-    let mut ends = Ends::connected();
-    assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::LinkUnproven));
-    let mut ends = Ends::proven();
-    let wild = Trial { current_ma: 5_000, ..TRIAL };
-    let refusal = ends.say(Command::Trial(wild));
-    assert!(matches!(refusal, Outcome::Refused(Refusal::OutOfRange { .. })), "{refusal:?}");
-    ends.observe(|report| report.stopped = true);
-    assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::Stopped));
-    assert_ne!(ends.link.asked().wanted, Wanted::Try);
-}
-
-#[test]
-fn a_trial_whose_answer_was_lost_begins_once() {
-    let mut ends = Ends::proven();
-    let bridges = bridges(&DENGFOC_V3_01.hardware);
-    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
-    let number = ends.link.asked().number;
-    ends.observe(|report| report.state = State::Aligning);
-    // The same request again, as it comes over the link: answered, whatever became of it.
-    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
-    ends.observe(|report| {
-        report.state = State::Faulted;
-        report.faults = Faults::NONE.with(Fault::CurrentSense);
-    });
-    assert_eq!(ends.say(Command::Trial(TRIAL)), Outcome::Bridges(bridges));
-    assert_eq!(ends.link.asked().number, number);
-    // Another request is another trial.
-    let another = ToRobot { request: 8, intent: 0, halts: 0, command: Command::Trial(TRIAL) };
-    let frame = ends.operator.send(ends.now, &another).unwrap();
-    ends.hear(&frame);
-    assert!(matches!(ends.outcomes.pop(), Some(Outcome::Refused(Refusal::Faulted(_)))));
-}
-
-#[test]
-fn a_fault_can_be_cleared_however_often_somebody_stopped_the_robot_since() {
-    let mut ends = Ends::at(State::Armed);
-    ends.observe(|report| {
-        report.state = State::Faulted;
-        report.faults = report.faults.with(Fault::Stall);
-    });
-    for count in 0..130u8 {
-        let mut stop = StopSession::new(&key(), [count; 32], ends.now);
-        let mut frame = Frame::new();
-        for _ in 0..2 {
-            let asked = stop.poll(ends.now).unwrap();
-            ends.link.receive(ends.now, outsider(), &asked, &mut ends.tuning);
-            ends.link.transmit(ends.now, ends.tuning.settings(), &mut frame);
-            let _ = stop.receive(ends.now, &frame);
-        }
-        ends.observe(|report| report.stopped = true);
-        ends.live(TELEMETRY);
-    }
-    ends.hear_of_halts();
-    assert!(ends.halts > 128, "{}", ends.halts);
-    ends.observe(|_| {});
-    assert_eq!(ends.say(Command::Clear), Outcome::Done, "its operator knows of all halts");
-}
-
-#[test]
-fn a_trial_moves_no_robot_whose_halt_its_operator_has_not_heard_of() {
-    let mut ends = Ends::at(State::Aligning);
-    ends.live(TELEMETRY);
-    ends.observe(|report| {
-        report.state = State::Disarmed;
-        report.events.command_deadline += 1;
-    });
-    ends.live(PROVING_TIME);
-    assert_eq!(ends.say(Command::Arm), refused(Refusal::Rested));
-    assert_eq!(ends.say(Command::Trial(TRIAL)), refused(Refusal::Rested));
-    assert_ne!(ends.link.asked().wanted, Wanted::Try);
-}
-
-#[test]
-fn a_fault_at_power_on_is_cleared() {
-    // Before anybody is connected, between two sessions, and after the session began.
-    for connects_at in 0..3 {
-        let mut ends = Ends::unconnected();
-        let fail = |ends: &mut Ends| {
-            ends.observe(|report| {
-                report.state = State::Faulted;
-                report.faults = report.faults.with(Fault::Stall);
-            })
-        };
-        if connects_at == 0 {
-            fail(&mut ends);
-        }
-        ends.connect();
-        if connects_at == 1 {
-            fail(&mut ends);
-        }
-        ends.live(PROVING_TIME);
-        if connects_at == 2 {
-            fail(&mut ends);
-        }
-        ends.hear_of_halts();
-        assert_eq!(ends.say(Command::Clear), Outcome::Done, "{connects_at}");
-        ends.observe(|report| (report.state, report.faults) = (State::Disarmed, Faults::NONE));
-        ends.live(PROVING_TIME);
-        assert_eq!(ends.say(Command::Arm), Outcome::Done, "{connects_at}");
-    }
-}
-
-#[test]
-fn a_session_that_begins_while_the_robot_ramps_down_arms_afterwards() {
-    for state in [State::Aligning, State::Armed, State::Running, State::Stopping] {
-        let mut ends = Ends::at(state);
-        ends.wait(Duration::from_secs(2));
-        ends.operator = OperatorSession::new(key(), [5; 32], ends.now);
-        ends.halts = 0;
-        ends.connect();
-        ends.observe(|report| report.events.link_lost += 1);
-        if state != State::Aligning {
-            ends.observe(|report| report.state = State::Stopping);
-        }
-        ends.observe(|report| report.state = State::Disarmed);
-        ends.live(PROVING_TIME + LINK_LATE);
-        assert_eq!(ends.say(Command::Arm), Outcome::Done, "{state}");
-    }
 }

@@ -3,8 +3,10 @@
 
 #[path = "../board_choice.rs"]
 mod choice;
-#[path = "support/no_store.rs"]
-mod no_store;
+#[path = "support/ends.rs"]
+mod ends;
+#[path = "support/known_motors.rs"]
+mod known_motors;
 #[path = "support/rows.rs"]
 mod rows;
 #[path = "support/still.rs"]

@@ -5,7 +5,7 @@ use std::time::Duration;
 use flix_host::link::{
     ARM_PATIENCE, Client, LinkError, PASSING_PATIENCE, RobotLink, TELEMETRY_LAG, Update, Wish,
 };
-use flix_protocol::message::{Command, Fault, Halt, Order, Refusal, Setpoint, State};
+use flix_protocol::message::{Fault, Halt, Order, Refusal, Setpoint, State, ToRobot};
 use flix_protocol::units::Instant;
 
 use crate::link::World;
@@ -74,7 +74,7 @@ fn who_runs_out_of_patience_learns_what_the_robot_said_last() {
     assert!(after.abs_diff(ARM_PATIENCE) < Duration::from_millis(50), "{after:?}");
     let unproven = LinkError::Refused(Refusal::LinkUnproven);
     let mute: fn(&mut FakeRobot) = |robot| {
-        robot.loses = |it| matches!(it, Command::Order(Order::Arm(_)));
+        robot.loses = |it| matches!(it, ToRobot::Order(Order::Arm(_)));
     };
     for (change, error) in [
         ((|robot| robot.is_unproven = true) as fn(&mut FakeRobot), unproven),

@@ -10,7 +10,9 @@ use flix_host::teleop::page::message::{Message, Request};
 use flix_host::teleop::page::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
 use flix_host::teleop::page::snapshot::snapshot;
 use flix_host::teleop::paper_modes::PaperMode;
-use flix_protocol::message::{Command, Fault, Halt, Order, Setpoint, State};
+use flix_protocol::message::{
+    Command, Fault, Halt, Order, Request as Asked, Setpoint, State, ToRobot,
+};
 use flix_protocol::units::Instant;
 use serde_json::json;
 
@@ -108,8 +110,8 @@ impl Room {
 
     /// Counts how often the robot was ordered to arm.
     fn armings(&self) -> usize {
-        let is_arm = |it: &&Command| matches!(it, Command::Order(Order::Arm(_)));
-        self.robot.commands.iter().filter(is_arm).count()
+        let is_arm = |it: &&ToRobot| matches!(it, ToRobot::Order(Order::Arm(_)));
+        self.robot.messages.iter().filter(is_arm).count()
     }
 
     fn log(&self) -> String {
@@ -222,7 +224,7 @@ fn a_robot_that_is_armed_with_nothing_held_is_disarmed_too_and_once() {
 
 #[test]
 fn a_robot_is_asked_to_disarm_until_it_is_disarmed_or_armed_anew() {
-    let is_off: fn(&Command) -> bool = |it| *it == Command::Order(Order::Off);
+    let is_off: fn(&ToRobot) -> bool = |it| *it == ToRobot::Order(Order::Off);
     let lost = Duration::from_millis(200);
     let mut room = Room::walking();
     room.robot.loses = is_off;
@@ -415,7 +417,11 @@ fn only_the_driver_begins_a_capture_and_wrong_channels_are_said() {
     room.open(BOB);
     let scope = |channels: &str, when: &str| Request::Scope(channels.into(), when.into());
     let asked = |room: &Room| {
-        room.robot.commands.iter().filter(|it| matches!(it, Command::Scope(_))).count()
+        room.robot
+            .messages
+            .iter()
+            .filter(|it| matches!(it, ToRobot::Request(Asked { command: Command::Scope(_), .. })))
+            .count()
     };
     room.ask(BOB, scope("iq", "now"));
     assert_eq!(asked(&room), 0);
@@ -516,7 +522,7 @@ fn enter_is_dead_when_its_patience_is_over() {
 #[test]
 fn enter_that_ended_without_an_answer_is_said() {
     let mut room = Room::new();
-    room.robot.loses = |it| matches!(it, Command::Order(Order::Arm(_)));
+    room.robot.loses = |it| matches!(it, ToRobot::Order(Order::Arm(_)));
     room.act(ANNA, Action::Arm);
     room.run(Duration::from_secs(6));
     assert!(room.log().contains("the robot did not answer"), "{}", room.log());

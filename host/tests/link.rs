@@ -11,7 +11,7 @@ use flix_host::nav::Decision;
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_host::pose::PoseSample;
 use flix_protocol::message::{
-    Command, Fault, Halt, Order, Outcome, ParameterCommand, Refusal, Setpoint, State,
+    Command, Fault, Halt, Order, Outcome, ParameterCommand, Refusal, Setpoint, State, ToRobot,
 };
 use flix_protocol::session::{ConnectError, StopSession};
 use flix_protocol::units::Instant;
@@ -224,7 +224,7 @@ fn an_acknowledged_stop_is_not_repeated() {
     let at = world.robot.stopped_at;
     world.run(Duration::from_secs(1));
     assert_eq!(world.robot.stopped_at, at);
-    assert_eq!(world.robot.commands.last(), Some(&Command::Order(Order::Off)));
+    assert_eq!(world.robot.messages.last(), Some(&ToRobot::Order(Order::Off)));
 }
 
 #[test]
@@ -245,8 +245,8 @@ fn a_robot_that_was_disarmed_is_not_armed_by_what_was_asked_before() {
 
 /// Counts how often the robot was ordered to arm.
 fn armings(world: &World) -> usize {
-    let is_arm = |it: &&Command| matches!(it, Command::Order(Order::Arm(_)));
-    world.robot.commands.iter().filter(is_arm).count()
+    let is_arm = |it: &&ToRobot| matches!(it, ToRobot::Order(Order::Arm(_)));
+    world.robot.messages.iter().filter(is_arm).count()
 }
 
 #[test]
@@ -279,7 +279,7 @@ fn wishes_of_a_person_end_in_time_with_what_was_said_last() {
 #[test]
 fn a_wish_that_the_robot_never_heard_ends_without_a_reason() {
     let mut world = World::connected();
-    world.robot.loses = |it| matches!(it, Command::Order(Order::Arm(_)));
+    world.robot.loses = |it| matches!(it, ToRobot::Order(Order::Arm(_)));
     world.press(Wish::Arm);
     let order = world.client.order();
     world.run(PASSING_PATIENCE + TICK);
@@ -305,6 +305,10 @@ fn a_wish_ends_at_once_for_what_does_not_pass() {
     }
 }
 
+fn is_asked(message: &ToRobot, expected: &Command) -> bool {
+    matches!(message, ToRobot::Request(request) if request.command == *expected)
+}
+
 #[test]
 fn settings_that_nothing_is_armed_with_are_named() {
     let mut world = World::connected();
@@ -317,8 +321,8 @@ fn settings_that_nothing_is_armed_with_are_named() {
         matches!(&endings[..], [(Order::Arm(_), Some(why))] if *why == Refusal::Assumed { name }),
         "{endings:?}"
     );
-    let is_check = |it: &&Command| **it == Command::Parameter(ParameterCommand::Check);
-    assert_eq!(world.robot.commands.iter().filter(is_check).count(), 1);
+    let is_check = |it: &&ToRobot| is_asked(it, &Command::Parameter(ParameterCommand::Check));
+    assert_eq!(world.robot.messages.iter().filter(is_check).count(), 1);
     // Nobody asked for that answer.
     assert!(!world.updates.iter().any(|it| matches!(it, Update::Answer { .. })));
 }
@@ -353,7 +357,7 @@ fn a_wish_is_refused_before_the_robot_has_stated_its_permit() {
 fn an_idle_client_says_off() {
     let mut world = World::connected();
     world.run(Duration::from_secs(1));
-    assert_eq!(world.robot.commands, [Command::Order(Order::Off)]);
+    assert_eq!(world.robot.messages, [ToRobot::Order(Order::Off)]);
     assert!(world.robot.orders > 45);
 }
 
@@ -370,7 +374,7 @@ fn who_clears_where_nothing_is_latched_says_off_alone() {
     let mut world = World::connected();
     world.press(Wish::Clear);
     world.run(Duration::from_millis(200));
-    assert_eq!(world.robot.commands, [Command::Order(Order::Off)]);
+    assert_eq!(world.robot.messages, [ToRobot::Order(Order::Off)]);
     assert_eq!(world.endings(), []);
     // A walk goes on.
     let mut world = World::walking();
@@ -458,7 +462,7 @@ fn who_gives_up_what_the_robot_has_done_changes_nothing() {
 #[test]
 fn what_is_never_answered_is_given_up_while_the_session_stands() {
     let mut world = World::connected();
-    world.robot.loses = |it| *it == Command::Identify;
+    world.robot.loses = |it| is_asked(it, &Command::Identify);
     let question = world.client.request(world.now, Command::Identify);
     world.run(REQUEST_PATIENCE - Duration::from_millis(50));
     assert!(!world.updates.contains(&Update::Unanswered { request: question }));
@@ -480,9 +484,9 @@ fn what_changes_the_robot_is_asked_in_turn_whatever_is_lost() {
             [set(2.4), Command::Identify, set(0.9)].map(|it| world.client.request(world.now, it));
         world.run(Duration::from_secs(3));
         assert!([first, question, second].iter().all(|it| world.answer(*it).is_some()), "{seed}");
-        let sets = world.robot.commands.iter().filter(|it| matches!(it, Command::Parameter(_)));
-        let sets: Vec<_> = sets.cloned().collect();
-        assert!(sets.is_sorted_by_key(|it| *it == set(0.9)), "{seed}: {sets:?}");
+        let is_set = |it: &&ToRobot| [2.4, 0.9].iter().any(|value| is_asked(it, &set(*value)));
+        let sets: Vec<_> = world.robot.messages.iter().filter(is_set).collect();
+        assert!(sets.is_sorted_by_key(|it| is_asked(it, &set(0.9))), "{seed}: {sets:?}");
     }
 }
 

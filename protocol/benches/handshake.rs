@@ -58,16 +58,14 @@ fn handshake(criterion: &mut Criterion) {
 
     let accept = answer(robot.receive(now, address, &confirm));
     operator.receive(now, &accept);
-    let mut forged = operator
-        .send(now, &ToRobot { request: 1, intent: 0, halts: 0, command: Command::Ping(1) })
-        .expect("connected");
+    let mut forged = operator.send(now, &ToRobot::request(1, Command::Ping(1))).expect("connected");
     forged[16] ^= 1;
     group.bench_function("a forged command", |bencher| {
         bencher.iter(|| robot.receive(now, address, black_box(&forged)));
     });
     group.bench_function("a good command, with its reply", |bencher| {
         bencher.iter(|| {
-            let ping = ToRobot { request: 1, intent: 0, halts: 0, command: Command::Ping(1) };
+            let ping = ToRobot::request(1, Command::Ping(1));
             let frame = operator.send(now, &ping).expect("connected");
             let received = robot.receive(now, address, &frame);
             let reply = ToOperator::Reply(Reply { request: 1, outcome: Outcome::Pong(1) });

@@ -20,10 +20,10 @@
 //!
 //! # Example
 //!
-//! Both ends of the link on one thread: the handshake, then one sealed command.
+//! Both ends of the link on one thread: the handshake, then one sealed order.
 //!
 //! ```
-//! use flix_protocol::message::{Command, Setpoint, ToRobot};
+//! use flix_protocol::message::{Order, Permit, Setpoint, ToRobot};
 //! use flix_protocol::session::{Key, OperatorSession, RobotReceived, RobotSession};
 //! use flix_protocol::units::Instant;
 //!
@@ -44,10 +44,11 @@
 //!     }
 //! }
 //!
-//! let walk = Command::Setpoint(Setpoint::from_numbers(-30.0, 30.0)?);
-//! let command = ToRobot { request: 1, intent: 1, halts: 0, command: walk };
-//! let datagram = operator.send(now, &command)?;
-//! assert_eq!(robot.receive(now, operator_address, &datagram), RobotReceived::Command(command));
+//! // The permit that the robot's telemetry states.
+//! let permit = Permit::new(3);
+//! let walk = ToRobot::Order(Order::Shake(permit, Setpoint::from_numbers(-30.0, 30.0)?));
+//! let datagram = operator.send(now, &walk)?;
+//! assert_eq!(robot.receive(now, operator_address, &datagram), RobotReceived::Message(walk));
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 //!

@@ -1,8 +1,8 @@
 //! Messages between operator and robot.
 //!
-//! There are four kinds: a [`Command`] from the operator, and from the robot a [`Reply`] to one
-//! command, a periodic [`Telemetry`], or an [`Event`] that is sent once. They travel in
-//! [`ToRobot`] and [`ToOperator`], inside the sessions of [`crate::session`], encoded by postcard.
+//! The operator sends an [`Order`], repeated, or a [`Request`], which the robot answers with one [`Reply`]. The robot also sends
+//! [`Telemetry`] periodically, and each [`Event`] once. They travel in [`ToRobot`] and [`ToOperator`], inside the sessions of
+//! [`crate::session`], encoded by postcard.
 
 mod crash;
 mod fault;
@@ -47,19 +47,36 @@ pub use trial::{
     MOST_TRIAL_CURRENT_MA, Pattern, TRIAL_BOUND_MA, Trial,
 };
 
-/// A command to the robot.
+/// A message to the robot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub enum ToRobot {
+    /// Obey this order until the next one. Telemetry answers it.
+    Order(Order),
+    /// Answer this request with one [`Reply`].
+    Request(Request),
+}
+
+impl ToRobot {
+    /// Returns the request with this number.
+    #[must_use]
+    pub const fn request(number: u32, command: Command) -> Self {
+        Self::Request(Request { number, command })
+    }
+}
+
+/// A command with its number. A request moves no motor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Request {
+    /// Counts up in a session; comes back in the reply. A request that is repeated keeps its number. The robot passes over a
+    /// request that would change something and has a smaller number than the last that did.
+    pub number: u32,
+    /// The command.
+    pub command: Command,
+}
+
+/// Contents of a request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Command {
-    /// Shake with this pair. Also the sign of life that the command deadline waits for.
-    Setpoint(Setpoint),
-    /// Make the motors ready: align them where needed, then hold them at rest.
-    Arm,
-    /// Ramp down, then let the motors coast.
-    Disarm,
-    /// Ramp down now, and stay stopped until [`Command::Clear`]. Idempotent; accepted in every state.
-    Stop,
-    /// Clear the latched stop and every latched fault whose cause is gone.
-    Clear,
     /// Read or change settings.
     Parameter(ParameterCommand),
     /// Report name, board and firmware.
@@ -68,84 +85,44 @@ pub enum Command {
     Ping(u32),
     /// Capture inner values of the fast loop, or read them.
     Scope(ScopeCommand),
-    /// Drive motors that nobody knows yet, in bounds; the robot is disarmed before and after.
-    Trial(Trial),
     /// Report what was kept of the last accident.
     Crash,
     /// Report what the board's description says of its bridges.
     Bridges,
-    /// Obey this order, until the next one. Answered by telemetry alone.
-    Order(Order),
 }
 
 impl Command {
     /// Returns whether it only asks: it changes nothing, however often and whenever it arrives.
     #[must_use]
     pub const fn is_question(&self) -> bool {
-        matches!(
-            self,
-            Self::Identify
-                | Self::Crash
-                | Self::Bridges
-                | Self::Ping(_)
-                | Self::Parameter(
-                    ParameterCommand::Get(_) | ParameterCommand::List(_) | ParameterCommand::Check,
-                )
-                | Self::Scope(ScopeCommand::Status | ScopeCommand::Read(_))
-        )
-    }
-
-    /// Returns whether it counts at any age and in any order: it only brings the rotors to rest.
-    #[must_use]
-    pub const fn is_always_safe(&self) -> bool {
-        matches!(self, Self::Stop | Self::Disarm)
+        match self {
+            Self::Identify | Self::Crash | Self::Bridges | Self::Ping(_) => true,
+            Self::Parameter(command) => matches!(
+                command,
+                ParameterCommand::Get(_) | ParameterCommand::List(_) | ParameterCommand::Check
+            ),
+            Self::Scope(command) => {
+                matches!(command, ScopeCommand::Status | ScopeCommand::Read(_))
+            }
+        }
     }
 }
 
-/// A command with its request number, as sent.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct ToRobot {
-    /// Counts up in a session; comes back in the reply. What is asked again keeps its number. A robot obeys nothing that changes
-    /// it and has a smaller number than what it obeyed last, but `Stop` and `Disarm`.
-    pub request: u32,
-    /// Counts what a person wants, wrapping: a key press, a touch, the start of a program. Rotors that came to rest because
-    /// commands stayed away turn again only by a [`Command::Setpoint`] with another number here than the last that was obeyed, and the present
-    /// `halts`.
-    pub intent: u8,
-    /// The newest [`Telemetry::halts`] that had arrived when this was asked for; of a setpoint, when its intent was counted. Who
-    /// could not know that the robot had halted has not asked it to go on: neither to move, nor to arm, nor to clear a fault or a
-    /// stop of somebody else.
-    pub halts: u8,
-    /// The command.
-    pub command: Command,
-}
-
-/// Returns the answer to an authentic command that cannot be read: its request number, and the
-/// range when it was a setpoint outside every range (NaN, infinite, absurd),
-/// [`Refusal::Malformed`] otherwise. `None` when not even the numbers before it can be read.
-///
-/// Never panics.
+/// Returns the number of an authentic request whose command cannot be read, for [`Refusal::Malformed`]; `None` for an order, and
+/// where not even the number can be read.
 #[must_use]
-pub fn unreadable(plain: &[u8]) -> Option<(u32, Refusal)> {
-    let ((request, ..), rest) = postcard::take_from_bytes::<(u32, u8, u8)>(plain).ok()?;
-    let refusal = match postcard::from_bytes(rest) {
-        Ok(UncheckedSetpoint::Setpoint(f, _)) if Setpoint::from_numbers(f, 0.0).is_err() => {
-            Refusal::frequency()
-        }
-        Ok(UncheckedSetpoint::Setpoint(_, theta))
-            if Setpoint::from_numbers(0.0, theta).is_err() =>
-        {
-            Refusal::direction()
-        }
-        _ => Refusal::Malformed,
-    };
-    Some((request, refusal))
+pub fn unreadable(plain: &[u8]) -> Option<u32> {
+    match postcard::from_bytes(plain).ok()? {
+        Numbered::Request(number) => Some(number),
+        Numbered::Order => None,
+    }
 }
 
-/// [`Command::Setpoint`] before its numbers are checked; the same bytes.
+/// [`ToRobot`] up to its number; the same bytes.
 #[derive(Deserialize)]
-enum UncheckedSetpoint {
-    Setpoint(f32, f32),
+enum Numbered {
+    Order,
+    Request(u32),
 }
 
 /// A message of the robot.
@@ -153,7 +130,7 @@ enum UncheckedSetpoint {
 #[allow(clippy::large_enum_variant, reason = "sent and dropped, never stored")]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub enum ToOperator {
-    /// The answer to one command.
+    /// The answer to one request.
     Reply(Reply),
     /// The state of the robot, many times a second.
     Telemetry(Telemetry),
@@ -161,16 +138,16 @@ pub enum ToOperator {
     Event(EventReport),
 }
 
-/// The answer to the command with this request number.
+/// The answer to the request with this number.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Reply {
-    /// [`ToRobot::request`] of the command.
+    /// [`Request::number`].
     pub request: u32,
-    /// The result of the command.
+    /// The result.
     pub outcome: Outcome,
 }
 
-/// The result of a command.
+/// The result of a request.
 #[allow(clippy::large_enum_variant, reason = "sent and dropped, never stored")]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub enum Outcome {
@@ -195,7 +172,7 @@ pub enum Outcome {
     Scope(ScopeStatus),
     /// Rows of the scope.
     ScopeRows(ScopeRows),
-    /// The board's bridges; of a trial, which begins.
+    /// The board's bridges.
     Bridges(Bridges),
     /// What was kept of the last accident; `None`: there was none since power came.
     Crash(Option<CrashReport>),

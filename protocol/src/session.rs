@@ -30,9 +30,8 @@
 //! - **Sealed datagrams** are ChaCha20-Poly1305 with the counter as nonce and the header as
 //!   associated data. Counters are 64-bit, start at 0 and refuse to wrap. A sliding
 //!   [`ReplayWindow`] lets each through once.
-//! - **Newest wins**: the robot drops a command older than one already obeyed, except a
-//!   [`Stop`](crate::message::Command::Stop), which is obeyed whenever it is authentic and not
-//!   replayed. The operator drops telemetry older than what it has already shown.
+//! - **Newest wins**: the robot drops a message older than one already taken. The operator drops telemetry older than what it has
+//!   already shown.
 //! - An empty sealed message closes the session (goodbye).
 //!
 //! # Forward secrecy

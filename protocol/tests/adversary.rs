@@ -1,8 +1,8 @@
 //! Somebody on the network who sees everything, sends anything, and does not have the key.
 
-use crate::ends::{Ends, OPERATOR, answer, command, key, setpoint, telemetry};
+use crate::ends::{Ends, OPERATOR, answer, key, ping, telemetry, walk};
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
-use flix_protocol::message::{Command, DropReason};
+use flix_protocol::message::DropReason;
 use flix_protocol::session::{OperatorReceived, OperatorSession, RobotReceived, RobotSession};
 use flix_protocol::units::Instant;
 use proptest::prelude::*;
@@ -21,7 +21,7 @@ fn record(ends: &mut Ends) -> Recording {
         recording.to_robot.push(frame.to_vec());
         recording.to_operator.push(answer);
     }
-    let frame = ends.operator.send(ends.now, &command(1, setpoint(35.0, 0.0))).unwrap();
+    let frame = ends.operator.send(ends.now, &walk(35.0, 0.0)).unwrap();
     recording.to_robot.push(frame.to_vec());
     let (_, frame) = ends.robot.send(ends.now, &telemetry(1)).unwrap();
     recording.to_operator.push(frame.to_vec());
@@ -101,7 +101,7 @@ fn a_recording_played_again_does_nothing() {
     let mut ends = Ends::new(Some(key(1)), key(1));
     let recording = record(&mut ends);
     let last = recording.to_robot.last().unwrap();
-    assert_eq!(ends.robot_hears(last), RobotReceived::Command(command(1, setpoint(35.0, 0.0))));
+    assert_eq!(ends.robot_hears(last), RobotReceived::Message(walk(35.0, 0.0)));
     let peer = ends.robot.peer(ends.now);
     for _ in 0..3 {
         for datagram in &recording.to_robot {
@@ -113,8 +113,8 @@ fn a_recording_played_again_does_nothing() {
         }
     }
     assert_eq!(ends.robot.peer(ends.now), peer);
-    let fresh = ends.operator.send(ends.now, &command(2, Command::Arm)).unwrap();
-    assert_eq!(ends.robot_hears(&fresh), RobotReceived::Command(command(2, Command::Arm)));
+    let fresh = ends.operator.send(ends.now, &ping(2)).unwrap();
+    assert_eq!(ends.robot_hears(&fresh), RobotReceived::Message(ping(2)));
 }
 
 #[test]
@@ -182,7 +182,7 @@ proptest! {
         datagrams in prop::collection::vec(forgery(), 1..60),
     ) {
         let mut ends = Ends::connected();
-        let genuine = ends.operator.send(ends.now, &command(1, setpoint(35.0, 0.0))).unwrap();
+        let genuine = ends.operator.send(ends.now, &walk(35.0, 0.0)).unwrap();
         let (_, telemetry) = ends.robot.send(ends.now, &telemetry(1)).unwrap();
         for forgery in datagrams {
             let datagram = forgery.apply(&genuine);
@@ -191,7 +191,7 @@ proptest! {
             let received = ends.operator_hears(&datagram);
             prop_assert!(matches!(received, OperatorReceived::Dropped(_)), "{:?}", received);
         }
-        let obeyed = RobotReceived::Command(command(1, setpoint(35.0, 0.0)));
+        let obeyed = RobotReceived::Message(walk(35.0, 0.0));
         prop_assert_eq!(ends.robot_hears(&genuine), obeyed);
         let received = ends.operator_hears(&telemetry);
         prop_assert!(matches!(received, OperatorReceived::Message(_)), "{:?}", received);

@@ -9,10 +9,10 @@
 
 use core::time::Duration;
 
-use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, command, key, telemetry};
+use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, STOP, key, ping, telemetry};
 use bolero::{check, generator::*};
 use flix_protocol::frame::Datagram;
-use flix_protocol::message::{Command, ToOperator, ToRobot, unreadable};
+use flix_protocol::message::{ToOperator, ToRobot, unreadable};
 use flix_protocol::provision::{Answer, FrameReader, Request};
 use flix_protocol::session::{OperatorReceived, RobotReceived, Status};
 use serde::Serialize;
@@ -91,8 +91,8 @@ fn play(steps: &[Step]) {
                 (datagram, false, if *from_second { SECOND_OPERATOR } else { OPERATOR })
             }
             Step::Genuine(kind) => {
-                let kind = if kind % 3 == 0 { Command::Stop } else { Command::Ping(number) };
-                let frame = ends.operator.send(ends.now, &command(number, kind));
+                let message = if kind % 3 == 0 { STOP } else { ping(number) };
+                let frame = ends.operator.send(ends.now, &message);
                 let Ok(frame) = frame else { continue };
                 if let Ok((_, frame)) = ends.robot.send(ends.now, &telemetry(u64::from(number))) {
                     sent.push(frame.to_vec());
@@ -120,12 +120,12 @@ fn play(steps: &[Step]) {
         assert_eq!(counted, u64::from(is_dropped), "every dropped datagram is counted");
         let acts = matches!(
             received,
-            RobotReceived::Command(_)
+            RobotReceived::Message(_)
                 | RobotReceived::Late { .. }
                 | RobotReceived::Connected(_)
                 | RobotReceived::Left
                 | RobotReceived::Stop(..)
-                | RobotReceived::Refused { .. }
+                | RobotReceived::Unreadable(_)
         );
         assert!(is_authentic || !acts, "{received:?}");
         let received = ends.operator.receive(ends.now, &datagram);

@@ -15,7 +15,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint, telemetry};
+use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, key, telemetry, walk};
 use flix_protocol::frame::{HANDSHAKE_LENGTHS, MAXIMUM_MESSAGE};
 use flix_protocol::message::*;
 use flix_protocol::provision::{
@@ -31,11 +31,6 @@ use serde::de::DeserializeOwned;
 /// A name for each kind of command.
 fn command_name(command: &Command) -> &'static str {
     match command {
-        Command::Setpoint(_) => "setpoint",
-        Command::Arm => "arm",
-        Command::Disarm => "disarm",
-        Command::Stop => "stop",
-        Command::Clear => "clear",
         Command::Parameter(ParameterCommand::Get(_)) => "parameter-get",
         Command::Parameter(ParameterCommand::Set(..)) => "parameter-set",
         Command::Parameter(ParameterCommand::List(_)) => "parameter-list",
@@ -49,35 +44,14 @@ fn command_name(command: &Command) -> &'static str {
         Command::Scope(ScopeCommand::Begin(_)) => "scope-begin",
         Command::Scope(ScopeCommand::Status) => "scope-status",
         Command::Scope(ScopeCommand::Read(_)) => "scope-read",
-        Command::Trial(Trial { pattern: Pattern::Halve(_), .. }) => "trial-halve",
-        Command::Trial(Trial { pattern: Pattern::Turn(_), .. }) => "trial-turn",
-        Command::Trial(Trial { pattern: Pattern::Swing(_), .. }) => "trial-swing",
         Command::Crash => "crash",
         Command::Bridges => "bridges",
-        Command::Order(Order::Off) => "order-off",
-        Command::Order(Order::Arm(_)) => "order-arm",
-        Command::Order(Order::Shake(..)) => "order-shake",
-        Command::Order(Order::Try(..)) => "order-try",
-        Command::Order(Order::Clear(_)) => "order-clear",
-        Command::Order(Order::Stop) => "order-stop",
     }
 }
-const TURN: Trial = Trial {
-    motors: [true, false],
-    current_ma: 800,
-    angle: 0x4000,
-    pattern: Pattern::Turn(-79),
-    ticks: 4_000,
-};
-const COMMANDS: usize = 29;
+const COMMANDS: usize = 15;
 
 fn commands() -> Vec<Command> {
     vec![
-        setpoint(-30.0, 60.0),
-        Command::Arm,
-        Command::Disarm,
-        Command::Stop,
-        Command::Clear,
         Command::Parameter(ParameterCommand::Get(name("current_limit"))),
         Command::Parameter(ParameterCommand::Set(name("current_limit"), 2.5)),
         Command::Parameter(ParameterCommand::List(300)),
@@ -98,17 +72,44 @@ fn commands() -> Vec<Command> {
         })),
         Command::Scope(ScopeCommand::Status),
         Command::Scope(ScopeCommand::Read(300)),
-        Command::Trial(Trial { pattern: Pattern::Halve(40), ..TURN }),
-        Command::Trial(TURN),
-        Command::Trial(Trial { pattern: Pattern::Swing(600), ..TURN }),
         Command::Crash,
         Command::Bridges,
-        Command::Order(Order::Off),
-        Command::Order(Order::Arm(Permit::new(3))),
-        Command::Order(Order::Shake(Permit::new(4), Setpoint::saturating(20.0, 30.0))),
-        Command::Order(Order::Try(Permit::new(5), TURN)),
-        Command::Order(Order::Clear(Permit::new(u32::MAX))),
-        Command::Order(Order::Stop),
+    ]
+}
+
+/// A name for each kind of order.
+fn order_name(order: &Order) -> &'static str {
+    match order {
+        Order::Off => "off",
+        Order::Arm(_) => "arm",
+        Order::Shake(..) => "shake",
+        Order::Try(_, Trial { pattern: Pattern::Halve(_), .. }) => "try-halve",
+        Order::Try(_, Trial { pattern: Pattern::Turn(_), .. }) => "try-turn",
+        Order::Try(_, Trial { pattern: Pattern::Swing(_), .. }) => "try-swing",
+        Order::Clear(_) => "clear",
+        Order::Stop => "stop",
+    }
+}
+const ORDERS: usize = 8;
+
+fn orders() -> Vec<Order> {
+    let turn = Trial {
+        motors: [true, false],
+        current_ma: 800,
+        angle: 0x4000,
+        pattern: Pattern::Turn(-79),
+        ticks: 4_000,
+    };
+    let attempt = |pattern| Order::Try(Permit::new(5), Trial { pattern, ..turn });
+    vec![
+        Order::Off,
+        Order::Arm(Permit::new(3)),
+        Order::Shake(Permit::new(4), Setpoint::saturating(20.0, 30.0)),
+        attempt(Pattern::Halve(40)),
+        attempt(turn.pattern),
+        attempt(Pattern::Swing(600)),
+        Order::Clear(Permit::new(u32::MAX)),
+        Order::Stop,
     ]
 }
 
@@ -139,7 +140,7 @@ const REFUSALS: usize = 18;
 fn refusals() -> Vec<Refusal> {
     vec![
         Refusal::Malformed,
-        Refusal::frequency(),
+        Refusal::out_of_range("current_limit", 0.1, 3.0),
         Refusal::NotWhole { name: name("pole_pairs") },
         Refusal::UnknownParameter,
         Refusal::State(State::Running),
@@ -348,7 +349,6 @@ fn running() -> ToOperator {
         stopped: true,
         link_late: false,
         frequency_limited: true,
-        halts: 35,
         setpoint: Setpoint::new(Hertz::new(-30.0).unwrap(), Degrees::new(60.0).unwrap()).unwrap(),
         frequency: Hertz::new(-29.75).unwrap(),
         direction: Degrees::new(59.5).unwrap(),
@@ -427,8 +427,11 @@ fn messages(golden: &mut Golden) {
     for (request, example) in (1..).zip(commands()) {
         golden.message(
             format!("command/{}", command_name(&example)),
-            &command(request * 100, example),
+            &ToRobot::request(request * 100, example),
         );
+    }
+    for order in orders() {
+        golden.message(format!("order/{}", order_name(&order)), &ToRobot::Order(order));
     }
     for (request, outcome) in (1..).zip(outcomes()) {
         golden.message(
@@ -446,6 +449,7 @@ fn messages(golden: &mut Golden) {
         );
     }
     assert_eq!(golden.count("command/"), COMMANDS, "every command is listed");
+    assert_eq!(golden.count("order/"), ORDERS, "every order is listed");
     assert_eq!(golden.count("reply/"), OUTCOMES, "every outcome is listed");
     assert_eq!(golden.count("event/"), EVENTS, "every event is listed");
 }
@@ -487,10 +491,10 @@ fn datagrams(golden: &mut Golden) {
     let stopped = answer(ends.robot.receive(ends.now, SECOND_OPERATOR, &stop), stop.len());
     golden.raw("datagram/stopped", &stopped.unwrap());
 
-    let arm = command(7, Command::Arm);
-    let sealed = ends.operator.send(ends.now, &arm).unwrap();
-    golden.raw("datagram/sealed-command", &sealed);
-    assert_eq!(ends.robot_hears(&sealed), RobotReceived::Command(arm));
+    let order = walk(-30.0, 60.0);
+    let sealed = ends.operator.send(ends.now, &order).unwrap();
+    golden.raw("datagram/sealed-order", &sealed);
+    assert_eq!(ends.robot_hears(&sealed), RobotReceived::Message(order));
     let mut renewing = Ends::connected();
     let due = renewing.now + SESSION_RENEWAL;
     while renewing.now < due {
@@ -694,9 +698,9 @@ fn the_longest_messages_fit_a_datagram() {
             flix_protocol::session::OperatorReceived::Message(message)
         );
     }
-    let longest = command(most, Command::Parameter(ParameterCommand::Set(name, f32::MAX)));
+    let longest = ToRobot::request(most, Command::Parameter(ParameterCommand::Set(name, f32::MAX)));
     let frame = ends.operator.send(ends.now, &longest).expect("it fits");
-    assert_eq!(ends.robot_hears(&frame), RobotReceived::Command(longest));
+    assert_eq!(ends.robot_hears(&frame), RobotReceived::Message(longest));
 }
 
 #[test]

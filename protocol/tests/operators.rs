@@ -1,8 +1,8 @@
 //! Several operators of one robot, each with a key of its own.
 
-use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, connect, key, telemetry};
+use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, connect, key, ping, telemetry};
 use flix_protocol::frame::{Frame, KEY_ID_LENGTH};
-use flix_protocol::message::{Command, DropReason, OperatorName};
+use flix_protocol::message::{DropReason, OperatorName};
 use flix_protocol::session::{
     ConnectError, MAXIMUM_OPERATORS, Operator, OperatorReceived, OperatorSession, Operators,
     RobotReceived, RobotSession, SESSION_EXPIRY, SESSION_LIFE, Status, StopSession,
@@ -41,7 +41,7 @@ fn connected(holder: usize) -> Ends {
 }
 
 fn arm(ends: &mut Ends) -> RobotReceived {
-    let frame = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
+    let frame = ends.operator.send(ends.now, &ping(1)).unwrap();
     ends.robot_hears(&frame)
 }
 
@@ -50,7 +50,7 @@ fn each_of_eight_operators_drives_under_its_name() {
     for number in 0..MAXIMUM_OPERATORS {
         let mut ends = connected(number);
         assert_eq!(ends.robot.operator(ends.now), Some(name(number)));
-        assert!(matches!(arm(&mut ends), RobotReceived::Command(_)));
+        assert!(matches!(arm(&mut ends), RobotReceived::Message(_)));
         let frame: Frame = ends.robot.send(ends.now, &telemetry(1)).unwrap().1;
         assert!(matches!(ends.operator_hears(&frame), OperatorReceived::Message(_)));
         ends.wait(SESSION_EXPIRY);
@@ -110,7 +110,7 @@ fn a_handshake_of_an_operator_that_is_revoked_meanwhile_opens_no_session() {
 fn a_session_outlasts_that_others_are_added_revoked_and_renamed() {
     let mut ends = connected(1);
     assert!(ends.robot.set_operators(operators([1, 4])));
-    assert!(matches!(arm(&mut ends), RobotReceived::Command(_)));
+    assert!(matches!(arm(&mut ends), RobotReceived::Message(_)));
     let renamed = Operator::new("robert".parse().unwrap(), &key(2));
     assert!(ends.robot.set_operators(renamed));
     assert_eq!(ends.robot.operator(ends.now).unwrap().as_str(), "robert");
@@ -125,7 +125,7 @@ fn a_session_outlasts_that_others_are_added_revoked_and_renamed() {
         ends.moment();
         ends.ping();
     }
-    assert!(matches!(arm(&mut ends), RobotReceived::Command(_)));
+    assert!(matches!(arm(&mut ends), RobotReceived::Message(_)));
 }
 
 #[test]
@@ -173,7 +173,7 @@ fn another_operator_who_forges_the_holders_address_does_not_take_over() {
     let hello = second.poll(ends.now).unwrap();
     let received = ends.robot_hears(&hello);
     assert!(matches!(received, RobotReceived::Dropped(DropReason::Busy, _)), "{received:?}");
-    assert!(matches!(arm(&mut ends), RobotReceived::Command(_)));
+    assert!(matches!(arm(&mut ends), RobotReceived::Message(_)));
 }
 
 #[test]
@@ -189,6 +189,6 @@ fn every_operator_stops_the_robot_and_is_named() {
         let RobotReceived::Stop(stopped, by) = received else { panic!("{received:?}") };
         assert_eq!(by, name(number));
         assert_eq!(stop.receive(ends.now, &stopped), Ok(()));
-        assert!(matches!(arm(&mut ends), RobotReceived::Command(_)), "the session goes on");
+        assert!(matches!(arm(&mut ends), RobotReceived::Message(_)), "the session goes on");
     }
 }

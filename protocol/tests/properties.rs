@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, VecDeque};
 
 use core::time::Duration;
 
-use crate::ends::{Ends, OPERATOR, answer, command, key, setpoint};
+use crate::ends::{Ends, OPERATOR, answer, key, ping};
 use flix_protocol::frame::{Datagram, MAXIMUM_MESSAGE};
 use flix_protocol::message::*;
 use flix_protocol::session::{
@@ -116,12 +116,7 @@ fn any_setpoint() -> impl Strategy<Value = Setpoint> {
 
 fn any_command() -> impl Strategy<Value = Command> {
     prop_oneof![
-        any_setpoint().prop_map(Command::Setpoint),
         select(vec![
-            Command::Arm,
-            Command::Disarm,
-            Command::Stop,
-            Command::Clear,
             Command::Identify,
             Command::Crash,
             Command::Bridges,
@@ -138,8 +133,6 @@ fn any_command() -> impl Strategy<Value = Command> {
         any::<u32>().prop_map(Command::Ping),
         scope_plan().prop_map(|plan| Command::Scope(ScopeCommand::Begin(plan))),
         any::<u16>().prop_map(|first| Command::Scope(ScopeCommand::Read(first))),
-        trial().prop_map(Command::Trial),
-        order().prop_map(Command::Order),
     ]
 }
 
@@ -382,7 +375,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
             LoopTiming { ticks, longest_interval_us, overruns }
         });
     (
-        (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 4]>(), any::<u8>()),
+        (instant(), state(), faults(), prop::option::of(fault()), any::<[bool; 4]>()),
         (
             any::<u32>().prop_map(Permit::new),
             select(Halt::ALL.to_vec()),
@@ -401,14 +394,8 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
         ([volts(), volts(), volts()], any::<bool>(), any::<f32>(), timing, link),
     )
         .prop_map(|(standing, orders, motion, electrical)| {
-            let (
-                time,
-                state,
-                faults,
-                first_fault,
-                [stopped, link_late, frequency_limited, named],
-                halts,
-            ) = standing;
+            let (time, state, faults, first_fault, flags) = standing;
+            let [stopped, link_late, frequency_limited, named] = flags;
             let (setpoint, frequency, direction, direction_range, motors, encoders) = motion;
             let (voltages, measured, modulation, timing, link) = electrical;
             let (permit, halt, heard, held_us, withheld) = orders;
@@ -424,7 +411,6 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
                 stopped,
                 link_late,
                 frequency_limited,
-                halts,
                 permit,
                 halt,
                 heard,
@@ -490,8 +476,12 @@ fn comes_back<T: Serialize + DeserializeOwned>(message: &T) -> T {
 
 proptest! {
     #[test]
-    fn every_command_comes_back_from_its_bytes(request in any::<u32>(), kind in any_command()) {
-        let message = command(request, kind);
+    fn every_message_to_the_robot_comes_back(
+        message in prop_oneof![
+            order().prop_map(ToRobot::Order),
+            (any::<u32>(), any_command()).prop_map(|(number, it)| ToRobot::request(number, it)),
+        ],
+    ) {
         prop_assert_eq!(comes_back(&message), message);
     }
 
@@ -501,24 +491,14 @@ proptest! {
     }
 
     #[test]
-    fn an_unreadable_setpoint_is_answered_with_the_range_that_it_left(
-        request in any::<u32>(),
-        intent in any::<u8>(),
-        halts in any::<u8>(),
-        f in number(),
-        theta in number(),
+    fn an_unreadable_request_keeps_its_number_and_an_order_has_none(
+        number in any::<u32>(),
+        rest in prop::collection::vec(any::<u8>(), 0..20),
     ) {
-        let mut buffer = [0; 32];
-        let length = postcard::to_slice(&request, &mut buffer).unwrap().len();
-        let plain =
-            [&buffer[..length], &[intent, halts, 0], &f.to_le_bytes(), &theta.to_le_bytes()].concat();
-        let refusal = match postcard::from_bytes::<ToRobot>(&plain) {
-            Err(_) => unreadable(&plain),
-            Ok(_) => return Ok(()),
-        };
-        let expected =
-            if Hertz::new(f).is_err() || f.abs() > 35.0 { Refusal::frequency() } else { Refusal::direction() };
-        prop_assert_eq!(refusal, Some((request, expected)));
+        let mut start = [0; 5];
+        let start = postcard::to_slice(&number, &mut start).unwrap();
+        prop_assert_eq!(unreadable(&[&[1][..], start, &rest].concat()), Some(number));
+        prop_assert_eq!(unreadable(&[&[0][..], start, &rest].concat()), None);
     }
 
     #[test]
@@ -658,20 +638,27 @@ impl Network {
 
 proptest! {
     #[test]
-    fn commands_arrive_unchanged_at_most_once_and_never_backwards(
+    fn messages_arrive_unchanged_at_most_once_and_never_backwards(
         fates in prop::collection::vec(fate(), 200),
-        kinds in prop::collection::vec(prop_oneof![4 => any_command(), 1 => Just(Command::Stop)], 200),
+        commands in prop::collection::vec(prop::option::of(any_command()), 200),
     ) {
+        let messages: Vec<_> = (0..)
+            .zip(commands)
+            .map(|(number, command)| match command {
+                Some(command) => ToRobot::request(number, command),
+                None => ToRobot::Order(Order::Arm(Permit::new(number))),
+            })
+            .collect();
         let mut ends = Ends::connected();
         let mut network = Network::new(fates);
-        let mut delivered: Vec<ToRobot> = Vec::new();
+        let mut delivered = Vec::new();
         let mut received_in_all = 0;
-        for (request, kind) in (0..).zip(&kinds) {
-            let frame = ends.operator.send(ends.now, &command(request, kind.clone())).unwrap();
+        for message in &messages {
+            let frame = ends.operator.send(ends.now, message).unwrap();
             for datagram in network.send(&frame) {
                 received_in_all += 1;
                 match ends.robot_hears(&datagram) {
-                    RobotReceived::Command(command) => delivered.push(command),
+                    RobotReceived::Message(message) => delivered.push(message),
                     RobotReceived::Dropped(reason, None) => {
                         prop_assert!(matches!(reason, DropReason::Stale | DropReason::Replayed));
                     }
@@ -679,39 +666,13 @@ proptest! {
                 }
             }
         }
-        let requests: BTreeSet<_> = delivered.iter().map(|command| command.request).collect();
-        prop_assert_eq!(requests.len(), delivered.len(), "once each");
-        for command in &delivered {
-            prop_assert_eq!(&command.command, &kinds[command.request as usize]);
-        }
-        let is_always_safe = |kind: &Command| matches!(kind, Command::Stop | Command::Disarm);
-        let ordered: Vec<_> =
-            delivered.iter().filter(|command| !is_always_safe(&command.command)).collect();
-        prop_assert!(ordered.is_sorted_by_key(|command| command.request), "newest wins");
+        let places: Vec<_> = delivered
+            .iter()
+            .map(|message| messages.iter().position(|it| it == message).expect("unchanged"))
+            .collect();
+        prop_assert!(places.is_sorted_by(|a, b| a < b), "newest wins, once each");
         let dropped = ends.robot.quality(ends.now).dropped;
         prop_assert_eq!(delivered.len() as u64 + dropped.total(), received_in_all, "each counted");
-    }
-
-    #[test]
-    fn every_stop_that_arrives_within_the_window_is_honoured(
-        fates in prop::collection::vec(fate(), 100),
-        place in 0_u32..100,
-    ) {
-        let mut ends = Ends::connected();
-        let arrives = !matches!(fates[place as usize], Fate::Lost);
-        let mut network = Network::new(fates);
-        let mut honoured = 0;
-        // Long enough that whatever is late comes in.
-        for request in 0..150 {
-            let kind = if request == place { Command::Stop } else { setpoint(30.0, 0.0) };
-            let frame = ends.operator.send(ends.now, &command(request, kind)).unwrap();
-            for datagram in network.send(&frame) {
-                let received = ends.robot_hears(&datagram);
-                honoured +=
-                    u32::from(received == RobotReceived::Command(command(place, Command::Stop)));
-            }
-        }
-        prop_assert_eq!(honoured, u32::from(arrives));
     }
 
     #[test]
@@ -737,14 +698,14 @@ proptest! {
             }
         }
         prop_assert_eq!(operator.status(now), Status::Connected);
-        let frame = operator.send(now, &command(1, Command::Arm)).unwrap();
+        let frame = operator.send(now, &ping(1)).unwrap();
         // The Accept may have taken so long that what answers it is late.
-        let (RobotReceived::Command(received) | RobotReceived::Late { command: received, .. }) =
+        let (RobotReceived::Message(received) | RobotReceived::Late { message: received, .. }) =
             robot.receive(now, OPERATOR, &frame)
         else {
             return Err(TestCaseError::fail("the first command is not taken"));
         };
-        prop_assert_eq!(received, command(1, Command::Arm));
+        prop_assert_eq!(received, ping(1));
         let (_, frame) = robot.send(now, &crate::ends::telemetry(1)).unwrap();
         prop_assert_eq!(operator.receive(now, &frame), OperatorReceived::Message(crate::ends::telemetry(1)));
     }

@@ -3,9 +3,9 @@
 use core::time::Duration;
 use std::collections::BTreeSet;
 
-use crate::ends::{Ends, OPERATOR, command, setpoint, telemetry};
+use crate::ends::{Ends, OPERATOR, STOP, ping, telemetry, walk};
 use flix_protocol::failsafe::COMMAND_DEADLINE;
-use flix_protocol::message::{Command, DropReason};
+use flix_protocol::message::DropReason;
 use flix_protocol::session::{
     HANDSHAKE_RETRY, OLD_KEYS_LIFE, OperatorReceived, RobotReceived, SESSION_LIFE, SESSION_RENEWAL,
     SendError, Status,
@@ -28,7 +28,7 @@ impl Ends {
                 };
                 self.operator_hears(&answer);
             }
-            if let Ok(frame) = self.operator.send(self.now, &command(1, setpoint(30.0, 0.0))) {
+            if let Ok(frame) = self.operator.send(self.now, &walk(30.0, 0.0)) {
                 self.robot_hears(&frame);
             }
             if let Ok((_, frame)) = self.robot.send(self.now, &telemetry(1)) {
@@ -51,9 +51,9 @@ impl Ends {
 
     /// The operator commands, and the robot obeys.
     fn drives(&mut self) -> bool {
-        let driving = command(1, Command::Ping(1));
+        let driving = ping(1);
         let frame = self.operator.send(self.now, &driving).unwrap();
-        self.robot_hears(&frame) == RobotReceived::Command(driving)
+        self.robot_hears(&frame) == RobotReceived::Message(driving)
     }
 }
 
@@ -86,14 +86,14 @@ fn drive(seed: u64, loss_percent: u64, longest_delay: u64) -> (Duration, usize) 
             while let Some(frame) = ends.operator.poll(now) {
                 sent[0].push(frame.to_vec());
             }
-            let frame = ends.operator.send(now, &command(1, setpoint(30.0, 0.0))).unwrap();
+            let frame = ends.operator.send(now, &walk(30.0, 0.0)).unwrap();
             sessions.insert(session(&frame));
             sent[0].push(frame.to_vec());
             sent[1].push(ends.robot.send(now, &telemetry(1)).unwrap().1.to_vec());
         }
         for datagram in take_arrived(&mut under_way[0], now) {
             match ends.robot.receive(now, OPERATOR, &datagram) {
-                RobotReceived::Command(_) => {
+                RobotReceived::Message(_) => {
                     longest = longest.max(now.since(last));
                     last = now;
                 }
@@ -141,17 +141,16 @@ fn driving_over_renewals_with_loss_and_delay_misses_no_command_deadline() {
 }
 
 #[test]
-fn what_is_under_way_when_keys_change_counts_and_nothing_of_them_later() {
+fn what_is_under_way_when_keys_change_is_opened_and_nothing_later() {
     let mut ends = Ends::connected();
     let renewal = ends.renewal();
-    let [in_time, too_late] =
-        [(); 2].map(|()| ends.operator.send(ends.now, &command(1, Command::Stop)).unwrap());
+    let [in_time, too_late] = [(); 2].map(|()| ends.operator.send(ends.now, &STOP).unwrap());
     let answer = ends.answer(&renewal);
     ends.operator_hears(&answer);
     assert!(ends.drives());
     ends.wait(OLD_KEYS_LIFE - MILLISECOND);
-    let received = ends.robot_hears(&in_time);
-    assert!(matches!(received, RobotReceived::Late { .. }), "{received:?}");
+    // Opened, and older than the message by the new keys.
+    assert_eq!(ends.robot_hears(&in_time), RobotReceived::Dropped(DropReason::Stale, None));
     ends.wait(MILLISECOND);
     assert_eq!(ends.robot_hears(&too_late), RobotReceived::Dropped(DropReason::Session, None));
     let received = ends.robot_hears(&renewal);
@@ -178,11 +177,11 @@ fn a_session_that_is_not_renewed_ends_with_its_keys() {
     assert_eq!(ends.run(), Status::Connected);
     ends.talk_until(begun + (SESSION_LIFE - MILLISECOND), false);
     assert!(ends.drives());
-    let sealed = ends.operator.send(ends.now, &command(2, Command::Stop)).unwrap();
+    let sealed = ends.operator.send(ends.now, &STOP).unwrap();
     ends.wait(MILLISECOND);
     assert_eq!(ends.robot_hears(&sealed), RobotReceived::Dropped(DropReason::Session, None));
     assert_eq!(ends.robot.peer(ends.now), None);
-    let refused = ends.operator.send(ends.now, &command(3, Command::Stop)).unwrap_err();
+    let refused = ends.operator.send(ends.now, &STOP).unwrap_err();
     assert_eq!((refused, ends.operator.status(ends.now)), (SendError::NoSession, Status::Left));
 }
 

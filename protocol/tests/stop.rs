@@ -3,9 +3,9 @@
 use core::net::SocketAddr;
 use core::time::Duration;
 
-use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, command, key, setpoint};
+use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, key, ping, walk};
 use flix_protocol::frame::{MAXIMUM_DATAGRAM, NONCE_LENGTH, PUBLIC_KEY_LENGTH, TAG_LENGTH};
-use flix_protocol::message::{Command, DropReason};
+use flix_protocol::message::DropReason;
 use flix_protocol::session::{
     CONNECT_PATIENCE, COOKIE_LIFE, ConnectError, Key, OperatorSession, RobotReceived, RobotSession,
     STOP_ANSWER_PATIENCE, STOP_COOKIE_LIFE, STOP_RETRY, Status, StopSession, StopStatus,
@@ -104,7 +104,7 @@ fn time_to_stop(seed: u64, loss_percent: u64, delay: Duration) -> Duration {
     for turn in 0.. {
         let now = ends.now;
         if turn % 20 == 0 {
-            let driving = ends.operator.send(now, &command(1, setpoint(30.0, 0.0))).unwrap();
+            let driving = ends.operator.send(now, &walk(30.0, 0.0)).unwrap();
             ends.robot_hears(&driving);
         }
         for (at, bytes) in std::mem::take(&mut network.to_operator) {
@@ -346,8 +346,8 @@ fn a_session_that_begins_meanwhile_does_not_make_a_stop_void() {
     let datagram = challenged(&mut ends.robot, &mut stop(ends.now), ends.now);
     assert_eq!(ends.run(), Status::Connected);
     obeyed(ends.robot.receive(ends.now, SECOND_OPERATOR, &datagram));
-    let driving = ends.operator.send(ends.now, &command(1, Command::Arm)).unwrap();
-    assert!(matches!(ends.robot_hears(&driving), RobotReceived::Command(_)));
+    let driving = ends.operator.send(ends.now, &ping(1)).unwrap();
+    assert!(matches!(ends.robot_hears(&driving), RobotReceived::Message(_)));
 }
 
 fn fails_with(robot: Option<Key>) -> (StopStatus, Duration) {

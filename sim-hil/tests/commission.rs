@@ -22,7 +22,7 @@ use flix_sim::rig::simulated::Disturbance;
 
 #[test]
 fn a_robot_of_unknown_motors_finds_its_own_values_and_names_what_is_wired_wrongly() {
-    let measured = measure(1, 1, || {}).unwrap();
+    let measured = measure(1, 1, None, || {}).unwrap();
     assert!(measured.pass, "{measured:?}");
     assert_eq!(measured.voltage_mode.refused_assumed, 1);
     let wiring = &measured.wiring_faults;
@@ -362,13 +362,13 @@ fn a_trial_that_broke_off_in_silence_is_done_again_and_never_taken_for_a_motor()
 #[test]
 fn motors_of_a_tenth_of_an_ohm_carry_no_more_than_2_a() {
     for seed in [7032, 7039, 13] {
-        let robot = commission_unknown(seed).unwrap();
+        let robot = commission_unknown(seed, None).unwrap();
         assert!(robot.drawn.resistance < 0.12 && robot.passes(), "{robot:?}");
     }
 }
 
 #[test]
 fn a_robot_whose_trial_runs_lose_the_lock_with_one_position_loop_is_found_with_the_other() {
-    let robot = commission_unknown(7006).unwrap();
+    let robot = commission_unknown(7006, None).unwrap();
     assert!(robot.passes(), "{robot:?}");
 }

@@ -187,12 +187,7 @@ impl Operator {
             if now().as_micros() >= next {
                 next = now().as_micros() + 20_000;
                 number += 1;
-                let command = ToRobot {
-                    request: number,
-                    intent: 0,
-                    halts: 0,
-                    command: Command::Ping(number),
-                };
+                let command = ToRobot::request(number, Command::Ping(number));
                 if let Ok(frame) = self.session.send(now(), &command) {
                     self.send(&frame).await;
                 }
@@ -448,7 +443,7 @@ fn an_operator_who_gets_another_network_card_is_answered_there() {
         operator.connect().await;
         operator.ping_for(100).await;
         // From another card, and then the old one again.
-        let command = ToRobot { request: 900, intent: 0, halts: 0, command: Command::Ping(900) };
+        let command = ToRobot::request(900, Command::Ping(900));
         let sealed = operator.session.send(now(), &command).unwrap();
         world.wire.inject(named_operator(3, &sealed));
         Timer::after(Duration::from_millis(1)).await;

@@ -343,7 +343,9 @@ impl Supervisor {
         if silence >= LINK_LOST_US && !self.link_lost {
             self.link_lost = true;
             self.events.link_lost = self.events.link_lost.wrapping_add(1);
-            if self.driving() {
+            // A robot that was disarmed comes to rest as its operator asked.
+            let is_asked = self.state == State::Stopping && self.reason == Reason::Final;
+            if self.driving() && !is_asked {
                 self.count(Halt::LinkLost);
             }
             self.ramp_down_and_disarm();

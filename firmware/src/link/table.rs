@@ -28,7 +28,7 @@ use crate::fast::configuration::Configuration;
 use crate::fast::control::Control;
 use crate::fast::exchange::Report;
 use crate::fast::supervisor::{Conditions, Drive, Supervisor};
-use crate::hardware::{SettingsStore, TICK};
+use crate::hardware::{NoStore, TICK};
 use crate::settings::{Settings, Tuning};
 use crate::units::Speed;
 
@@ -45,18 +45,6 @@ const WATCHED_TICKS: u32 = 12_000;
 
 const TRIAL: Trial =
     Trial { motors: [true; 2], current_ma: 500, angle: 0, pattern: Pattern::Halve(10), ticks: 100 };
-
-struct NoStore;
-
-impl SettingsStore for NoStore {
-    type Error = ();
-    fn load(&mut self, _: &mut [u8]) -> Result<Option<usize>, ()> {
-        Ok(None)
-    }
-    fn save(&mut self, _: &[u8]) -> Result<(), ()> {
-        Ok(())
-    }
-}
 
 /// An order as an operator means it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -190,7 +178,7 @@ impl Pair {
         }
         // Motors are known.
         let accept = flix_protocol::message::ParameterCommand::Accept;
-        pair.send(Command::Parameter(accept));
+        pair.send(ToRobot::request(0, Command::Parameter(accept)));
         pair.idle(SETTLING_TICKS);
         pair
     }
@@ -219,8 +207,7 @@ impl Pair {
         }
     }
 
-    fn send(&mut self, command: Command) {
-        let message = ToRobot { request: 0, intent: 0, halts: 0, command };
+    fn send(&mut self, message: ToRobot) {
         let frame = self.operator.send(self.now(), &message).expect("a session");
         self.deliver(&frame);
     }
@@ -283,7 +270,7 @@ impl Pair {
     fn idle(&mut self, ticks: u32) {
         for tick in 0..ticks {
             if tick.is_multiple_of(KEEP_ALIVE_TICKS) {
-                self.send(Command::Order(self.order));
+                self.send(ToRobot::Order(self.order));
             }
             self.step();
         }
@@ -389,7 +376,7 @@ impl Pair {
         let mut names = std::vec![self.name()];
         for tick in 0..WATCHED_TICKS {
             if tick.is_multiple_of(KEEP_ALIVE_TICKS) {
-                self.send(Command::Order(self.order));
+                self.send(ToRobot::Order(self.order));
             }
             self.step();
             let name = self.name();

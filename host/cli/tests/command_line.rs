@@ -16,7 +16,7 @@ use flix_host::pose::natnet::{NatNetServer, ServerSettings};
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::{
     BuildId, CrashReport, Fault, FaultSummary, Faults, Mark, MotorCurrents, ResetReason, Setpoint,
-    State,
+    State, ToRobot,
 };
 use flix_protocol::session::{ConnectError, Key};
 use flix_protocol::units::{Amperes, Degrees, Hertz};
@@ -327,6 +327,27 @@ fn a_robot_that_another_operator_holds_is_refused_as_busy() {
     first.0.raise();
     first.1.join().unwrap();
     Operator::new().flix(&["status", &address]).expect(0, &[]);
+}
+
+#[test]
+fn programs_of_the_same_key_beside_a_walk_change_nothing_but_stop_stops_the_robot() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut driving = long_drive(&operator, &served);
+    let orders = |served: &ServedRobot| {
+        let is_order = |it: &&ToRobot| matches!(it, ToRobot::Order(_));
+        served.robot().messages.iter().filter(is_order).cloned().collect::<Vec<_>>()
+    };
+    let before = orders(&served);
+    let scope = ["scope", &address, "--channels", "iq"];
+    for beside in [&["status", &address][..], &scope, &["link-test", &address, "--for", "100ms"]] {
+        operator.flix(beside).expect(21, &["another operator"]);
+        assert_eq!(served.robot().state, State::Running, "{beside:?}");
+        assert_eq!(orders(&served), before, "{beside:?}");
+    }
+    operator.flix(&["stop", &address]).expect(0, &[]);
+    wait_until(|| served.robot().state.is_idle() && served.robot().stopped);
+    assert_ne!(driving.wait().unwrap().code(), Some(0));
 }
 
 /// Another operator, who stays until the flag is raised.

@@ -11,7 +11,7 @@ use std::time::Duration;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
     Command, EventReport, Faults, Halt, OperatorName, Order, Outcome, ParameterCommand, Permit,
-    Refusal, Reply, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial, Withheld,
+    Refusal, Reply, Request, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial, Withheld,
 };
 use flix_protocol::session::{
     ConnectError, Key, LinkHealth, OperatorReceived, OperatorSession, SendError, Status,
@@ -110,7 +110,7 @@ pub enum StopState {
 /// A request on its way.
 #[derive(Debug, Clone)]
 struct Pending {
-    message: ToRobot,
+    request: Request,
     send_at: Instant,
     give_up_at: Instant,
     /// For how long it is asked again where the robot refuses it for a state that passes.
@@ -356,15 +356,15 @@ impl Client {
     /// Sends it as [`Client::request`] does, and asks again every [`TRY_AGAIN`] while the robot refuses for a state that
     /// [passes](super::passes_by_itself), for at most `patience`.
     pub fn insist(&mut self, now: Instant, command: Command, patience: Duration) -> u32 {
-        let request = self.number();
+        let number = self.number();
         self.pending.push_back(Pending {
-            message: ToRobot { request, intent: 0, halts: 0, command },
+            request: Request { number, command },
             send_at: now,
             give_up_at: now + REQUEST_PATIENCE.max(patience),
             patience,
             refusal: None,
         });
-        request
+        number
     }
 
     /// Stops the robot: ends every wish and request, and repeats the stop until it is acknowledged.
@@ -547,7 +547,7 @@ impl Client {
                 if let Some(pressed) = &mut self.pressed {
                     pressed.lapses -= 1;
                 }
-                self.set_order(now, renewed(order, telemetry.permit));
+                self.set_order(now, order.with_permit(telemetry.permit));
             }
             _ => {
                 let has_failed = telemetry.faults.iter().any(|it| !known.contains(it));
@@ -636,10 +636,9 @@ impl Client {
             return None;
         }
         let message = self.due(now)?;
-        let is_order = matches!(message.command, Command::Order(_));
         match self.session.send(now, &message) {
             Ok(frame) => {
-                if is_order {
+                if matches!(message, ToRobot::Order(_)) {
                     let counter = self.session.sealed();
                     self.order_since.get_or_insert(counter);
                     self.statistics.sent(counter, now);
@@ -703,26 +702,25 @@ impl Client {
             // A fixed rate; after a pause it starts anew and does not catch up.
             let next = self.send_at + KEEP_ALIVE;
             self.send_at = if next > now { next } else { now + KEEP_ALIVE };
-            let command = Command::Order(self.order);
-            return Some(ToRobot { request: 0, intent: 0, halts: 0, command });
+            return Some(ToRobot::Order(self.order));
         }
         let place = self.in_turn().find_map(|(place, it)| (now >= it.send_at).then_some(place));
         let pending = self.pending.get_mut(place?)?;
         pending.send_at = now + REQUEST_RETRY;
-        Some(pending.message.clone())
+        Some(ToRobot::Request(pending.request.clone()))
     }
 
     /// Returns the requests that may be sent now, each with its place: questions, and the oldest that changes the robot.
     fn in_turn(&self) -> impl Iterator<Item = (usize, &Pending)> {
         let mut is_first = true;
         self.pending.iter().enumerate().filter(move |(_, pending)| {
-            pending.message.command.is_question() || std::mem::take(&mut is_first)
+            pending.request.command.is_question() || std::mem::take(&mut is_first)
         })
     }
 
     fn replied(&mut self, now: Instant, reply: Reply) {
         let Reply { request, outcome } = reply;
-        let Some(place) = self.pending.iter().position(|it| it.message.request == request) else {
+        let Some(place) = self.pending.iter().position(|it| it.request.number == request) else {
             return;
         };
         if let (Outcome::Refused(refusal), Some(pending)) = (&outcome, self.pending.get_mut(place))
@@ -795,7 +793,7 @@ impl Client {
         let (updates, checking) = (&mut self.updates, &mut self.checking);
         self.pending.retain(|pending| {
             let is_alive = now < pending.give_up_at;
-            let request = pending.message.request;
+            let request = pending.request.number;
             // The owner of the client has not asked for the check of the settings.
             if !is_alive && checking.take_if(|it| *it == request).is_none() {
                 updates.push_back(match &pending.refusal {
@@ -823,7 +821,7 @@ impl Client {
     }
 
     fn abandon_requests(&mut self) {
-        let ended = self.pending.drain(..).map(|it| it.message.request);
+        let ended = self.pending.drain(..).map(|it| it.request.number);
         self.updates.extend(ended.map(|request| Update::Unanswered { request }));
         self.checking = None;
     }
@@ -831,17 +829,6 @@ impl Client {
     fn number(&mut self) -> u32 {
         self.next_number = self.next_number.wrapping_add(1);
         self.next_number
-    }
-}
-
-/// Returns the same order with another permit.
-const fn renewed(order: Order, permit: Permit) -> Order {
-    match order {
-        Order::Arm(_) => Order::Arm(permit),
-        Order::Shake(_, setpoint) => Order::Shake(permit, setpoint),
-        Order::Try(_, trial) => Order::Try(permit, trial),
-        Order::Clear(_) => Order::Clear(permit),
-        Order::Off | Order::Stop => order,
     }
 }
 

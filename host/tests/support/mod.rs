@@ -11,7 +11,8 @@ use std::time::Duration;
 use flix_protocol::message::{
     Bridges, Command, CrashReport, Event, EventReport, Fault, Faults, Halt, Identity, LoopTiming,
     Mark, MotorTelemetry, OperatorName, Order, Outcome, Parameter, ParameterCommand, Permit,
-    Refusal, Reply, ResetReason, Setpoint, State, Telemetry, ToOperator, ToRobot, Withheld,
+    Refusal, Reply, Request, ResetReason, Setpoint, State, Telemetry, ToOperator, ToRobot,
+    Withheld,
 };
 use flix_protocol::session::{Key, RobotReceived, RobotSession};
 use flix_protocol::units::{Amperes, Degrees, Hertz, Instant, Ratio, Volts};
@@ -66,7 +67,7 @@ pub struct FakeRobot {
     pub setpoint: Setpoint,
     pub parameters: Vec<Parameter>,
     /// All commands that arrived, in order; an order that is repeated is one.
-    pub commands: Vec<Command>,
+    pub messages: Vec<ToRobot>,
     /// Number of orders that arrived.
     pub orders: usize,
     /// Latches this fault as soon as it runs.
@@ -87,8 +88,8 @@ pub struct FakeRobot {
     changed: Option<u32>,
     /// Comes over it once it is cleared.
     pub after_clearing: Option<fn(&mut Self)>,
-    /// Commands that are lost on their way, however often they are sent.
-    pub loses: fn(&Command) -> bool,
+    /// Messages that are lost on their way, however often they are sent.
+    pub loses: fn(&ToRobot) -> bool,
     /// Hears nothing, and is still heard.
     pub is_deaf: bool,
     /// States nothing, and still answers.
@@ -124,7 +125,7 @@ impl FakeRobot {
             faults: Faults::NONE,
             setpoint: Setpoint::REST,
             parameters: parameters(),
-            commands: Vec::new(),
+            messages: Vec::new(),
             orders: 0,
             fault_when_running: None,
             reports_of_late_commands: 0,
@@ -224,42 +225,43 @@ impl FakeRobot {
                 datagrams.extend(self.report(now, Event::OperatorConnected(OperatorName::OWNER)));
                 datagrams
             }
-            RobotReceived::Command(ToRobot { command, .. }) if (self.loses)(&command) => Vec::new(),
-            RobotReceived::Command(ToRobot { command: Command::Order(order), .. }) => {
+            RobotReceived::Message(message) if (self.loses)(&message) => Vec::new(),
+            RobotReceived::Message(ToRobot::Order(order)) => {
                 self.receive_order(now, order, None);
                 Vec::new()
             }
-            // As a robot does: what was asked before the newest change does nothing, and is not answered.
-            RobotReceived::Command(ToRobot { request, command, .. })
-                if !command.is_question()
+            // As a robot does: a change that was asked for before the newest does nothing, and is not answered.
+            RobotReceived::Message(ToRobot::Request(request))
+                if !request.command.is_question()
                     && self
                         .changed
-                        .is_some_and(|it| request.wrapping_sub(it).cast_signed() < 0) =>
+                        .is_some_and(|it| request.number.wrapping_sub(it).cast_signed() < 0) =>
             {
                 Vec::new()
             }
-            RobotReceived::Command(ToRobot { request, command, .. }) => {
+            RobotReceived::Message(ToRobot::Request(request)) => {
+                let Request { number, command } = &request;
                 if !command.is_question() {
-                    self.changed = Some(request);
+                    self.changed = Some(*number);
                 }
-                let outcome = self.obey(&command);
-                self.commands.push(command);
-                self.send(now, &ToOperator::Reply(Reply { request, outcome }))
+                let reply = Reply { request: *number, outcome: self.obey(command) };
+                self.messages.push(ToRobot::Request(request));
+                self.send(now, &ToOperator::Reply(reply))
             }
-            RobotReceived::Late { command: ToRobot { request, command, .. }, age } => {
+            RobotReceived::Late { message, age } => {
                 let age_ms = age.map_or(u16::MAX, |age| age.as_millis() as u16);
                 let limit_ms = 400;
-                if let Command::Order(order) = command {
-                    self.receive_order(now, order, Some(Withheld::Late { age_ms, limit_ms }));
-                    return Vec::new();
+                match message {
+                    ToRobot::Order(order) => {
+                        self.receive_order(now, order, Some(Withheld::Late { age_ms, limit_ms }));
+                        Vec::new()
+                    }
+                    ToRobot::Request(Request { number, .. }) => {
+                        self.refuse(now, number, Refusal::Late { age_ms, limit_ms })
+                    }
                 }
-                let outcome = Outcome::Refused(Refusal::Late { age_ms, limit_ms });
-                self.send(now, &ToOperator::Reply(Reply { request, outcome }))
             }
-            RobotReceived::Refused { request, refusal } => {
-                let outcome = Outcome::Refused(refusal);
-                self.send(now, &ToOperator::Reply(Reply { request, outcome }))
-            }
+            RobotReceived::Unreadable(number) => self.refuse(now, number, Refusal::Malformed),
             RobotReceived::Stop(frame, by) => {
                 self.stop_from_outside();
                 (self.stopped_by, self.stopped_at) = (by, Some(now));
@@ -303,6 +305,11 @@ impl FakeRobot {
             .collect()
     }
 
+    fn refuse(&mut self, now: Instant, request: u32, refusal: Refusal) -> Datagrams {
+        let outcome = Outcome::Refused(refusal);
+        self.send(now, &ToOperator::Reply(Reply { request, outcome }))
+    }
+
     fn report(&mut self, now: Instant, event: Event) -> Datagrams {
         self.events += 1;
         let report = EventReport { number: self.events, time: now, event };
@@ -313,7 +320,7 @@ impl FakeRobot {
     fn receive_order(&mut self, now: Instant, order: Order, late: Option<Withheld>) {
         self.orders += 1;
         if self.order.replace(order) != Some(order) {
-            self.commands.push(Command::Order(order));
+            self.messages.push(ToRobot::Order(order));
         }
         self.withheld = match order {
             Order::Off | Order::Stop => None,
@@ -327,7 +334,7 @@ impl FakeRobot {
         if late.is_none() {
             self.heard_at = now;
         }
-        self.heard = self.session.newest_command();
+        self.heard = self.session.newest_message();
         if order == Order::Stop {
             (self.stopped, self.stopped_at) = (true, Some(now));
             self.stopped_by = self.session.operator(now).unwrap_or(OperatorName::OWNER);
@@ -451,7 +458,6 @@ impl FakeRobot {
             }),
             Command::Crash => Outcome::Crash(self.crash.clone()),
             Command::Ping(number) => Outcome::Pong(*number),
-            _ => Outcome::Refused(Refusal::Malformed),
         }
     }
 
@@ -515,7 +521,6 @@ impl FakeRobot {
             stopped: self.stopped,
             link_late: false,
             frequency_limited: false,
-            halts: 0,
             permit: self.permit,
             halt: self.halted_by,
             heard: self.heard,

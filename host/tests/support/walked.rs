@@ -39,7 +39,6 @@ pub fn telemetry(seconds: f64) -> Telemetry {
         stopped: false,
         link_late: false,
         frequency_limited: false,
-        halts: 0,
         permit: Default::default(),
         halt: Default::default(),
         heard: 0,

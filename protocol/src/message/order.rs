@@ -68,10 +68,16 @@ impl Order {
         }
     }
 
-    /// Returns whether the order counts at any age, because it only brings the rotors to rest.
+    /// Returns the same order with this permit, where the order carries any.
     #[must_use]
-    pub const fn is_always_safe(&self) -> bool {
-        matches!(self, Self::Off | Self::Stop)
+    pub const fn with_permit(self, permit: Permit) -> Self {
+        match self {
+            Self::Off | Self::Stop => self,
+            Self::Arm(_) => Self::Arm(permit),
+            Self::Shake(_, setpoint) => Self::Shake(permit, setpoint),
+            Self::Try(_, trial) => Self::Try(permit, trial),
+            Self::Clear(_) => Self::Clear(permit),
+        }
     }
 }
 

@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 
 use super::fault::Faults;
 use super::parameter::Name;
-use super::setpoint::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY};
 use super::telemetry::State;
 use crate::failsafe::PROVING_TIME;
 use crate::units::OutOfRange;
@@ -155,18 +154,6 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// Refuses a shaking frequency out of range.
-    #[must_use]
-    pub fn frequency() -> Self {
-        Self::out_of_range("shaking frequency", -MAXIMUM_FREQUENCY.get(), MAXIMUM_FREQUENCY.get())
-    }
-
-    /// Refuses a shaking direction out of range.
-    #[must_use]
-    pub fn direction() -> Self {
-        Self::out_of_range("shaking direction", -MAXIMUM_DIRECTION.get(), MAXIMUM_DIRECTION.get())
-    }
-
     /// Refuses a value outside this range. A name longer than
     /// [`NAME_LENGTH`](super::NAME_LENGTH) is cut.
     #[must_use]

@@ -118,9 +118,6 @@ pub struct Telemetry {
     pub link_late: bool,
     /// Whether voltage or current hold f below what is asked for. An event reports it, too, which may be lost.
     pub frequency_limited: bool,
-    /// How often in this session the robot halted although its operator had not asked for it, wrapping: because commands stayed
-    /// away, also while it aligned its motors or tried one, for a fault, or because somebody else stopped it.
-    pub halts: u8,
     /// Permit that an order has to carry to begin anything.
     pub permit: Permit,
     /// Why the permit was counted up last.

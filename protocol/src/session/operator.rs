@@ -12,7 +12,7 @@ use super::{
     CONFIRM_PATIENCE, HANDSHAKE_RETRY, HOLDER_SILENCE, SESSION_LIFE, SESSION_RENEWAL, VERSION,
 };
 use crate::frame::{self, Datagram, Frame, HandshakeFrame, KeyId, Nonce, PublicKey, Purpose, Tag};
-use crate::message::{Command, DropReason, Dropped, ToOperator, ToRobot};
+use crate::message::{DropReason, Dropped, ToOperator, ToRobot};
 use crate::units::Instant;
 
 /// State of the connection, as the operator sees it.
@@ -233,25 +233,24 @@ impl OperatorSession {
         })
     }
 
-    /// Seals a command.
+    /// Seals a message.
     ///
     /// # Errors
-    /// When there is no session, or the command does not fit.
-    pub fn send(&mut self, now: Instant, command: &ToRobot) -> Result<Frame, SendError> {
+    /// When there is no session, or the message does not fit.
+    pub fn send(&mut self, now: Instant, message: &ToRobot) -> Result<Frame, SendError> {
         self.expire(now);
         let Phase::Established(session) = &mut self.phase else {
             return Err(SendError::NoSession);
         };
-        let frame = session.channel.seal(command)?;
-        if matches!(command.command, Command::Order(_)) {
-            // Telemetry answers it, with the time for which the robot had held it.
-            return Ok(frame);
+        let frame = session.channel.seal(message)?;
+        // Telemetry answers an order, with the time for which the robot had held it.
+        if let ToRobot::Request(request) = message {
+            if self.timed.is_full() {
+                self.timed.pop_front();
+            }
+            let remembered = self.timed.push_back((request.number, now));
+            debug_assert!(remembered.is_ok(), "one was taken out of a full queue");
         }
-        if self.timed.is_full() {
-            self.timed.pop_front();
-        }
-        let remembered = self.timed.push_back((command.request, now));
-        debug_assert!(remembered.is_ok(), "one was taken out of a full queue");
         Ok(frame)
     }
 

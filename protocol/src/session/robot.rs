@@ -20,7 +20,7 @@ use crate::frame::{
     Sealed, Stop, Tag,
 };
 use crate::message::{
-    DropReason, Dropped, LinkQuality, OperatorName, Refusal, ToOperator, ToRobot, unreadable,
+    DropReason, Dropped, LinkQuality, OperatorName, ToOperator, ToRobot, unreadable,
 };
 use crate::units::Instant;
 
@@ -31,24 +31,18 @@ pub enum RobotReceived {
     Answer(HandshakeFrame),
     /// An operator opened a session: send this back to the sender of the datagram.
     Connected(HandshakeFrame),
-    /// A command: authentic, not replayed, fresh, and newer than every command before (`Stop` and
-    /// `Disarm` may be older).
-    Command(ToRobot),
-    /// As [`RobotReceived::Command`], but not fresh: its operator may be gone since. Only what is
+    /// A message: authentic, not replayed, fresh, and newer than every message before.
+    Message(ToRobot),
+    /// As [`RobotReceived::Message`], but not fresh: its operator may be gone since. Only what is
     /// safe at any time may be done.
     Late {
-        /// The command.
-        command: ToRobot,
+        /// The message.
+        message: ToRobot,
         /// Its age, at most; `None`: older than the robot remembers.
         age: Option<Duration>,
     },
-    /// An authentic command that cannot be done: answer the request with this refusal.
-    Refused {
-        /// [`ToRobot::request`].
-        request: u32,
-        /// The reason.
-        refusal: Refusal,
-    },
+    /// An authentic request with this number that cannot be read: refuse it.
+    Unreadable(u32),
     /// The operator closed the session.
     Left,
     /// This operator demands a stop, in a session or not, whoever holds it: latch the stop, and
@@ -75,9 +69,9 @@ pub struct RobotSession {
     holder: Option<Holder>,
     accepted: u32,
     dropped: Dropped,
-    last_command: Option<Instant>,
+    last_message: Option<Instant>,
     command_age: Duration,
-    /// Age of the newest command at its arrival; `None`: older than is remembered, or no command.
+    /// Age of the newest message at its arrival; `None`: older than is remembered, or no message.
     age: Option<Duration>,
     late: u32,
 }
@@ -138,7 +132,7 @@ struct Holder {
     heard: Instant,
     /// Moment of the newest fresh datagram.
     moment: Instant,
-    newest_command: Option<u64>,
+    newest_message: Option<u64>,
     /// The renewal that is under way, or was the last: the operator's nonce and the robot's.
     renewal: Option<(Nonce, Nonce)>,
 }
@@ -160,7 +154,7 @@ impl RobotSession {
             holder: None,
             accepted: 0,
             dropped: Dropped::default(),
-            last_command: None,
+            last_message: None,
             command_age: COMMAND_AGE,
             age: None,
             late: 0,
@@ -203,10 +197,10 @@ impl RobotSession {
         self.holder.as_ref().map(|holder| holder.name)
     }
 
-    /// Returns the time since the last valid command of any session; `None` when there was none.
+    /// Returns the time since the last valid message of any session; `None` when there was none.
     #[must_use]
     pub fn silence(&self, now: Instant) -> Option<Duration> {
-        self.last_command.map(|at| now.since(at))
+        self.last_message.map(|at| now.since(at))
     }
 
     /// Returns how well the robot receives. The board adds the radio power.
@@ -250,10 +244,10 @@ impl RobotSession {
         self.holder.as_ref().map(|holder| holder.moment)
     }
 
-    /// Returns the number of the newest command, among the operator's datagrams of the session, counted from 1; 0 before the first.
+    /// Returns the number of the newest message, among the operator's datagrams of the session, counted from 1; 0 before the first.
     #[must_use]
-    pub fn newest_command(&self) -> u64 {
-        let newest = self.holder.as_ref().and_then(|holder| holder.newest_command);
+    pub fn newest_message(&self) -> u64 {
+        let newest = self.holder.as_ref().and_then(|holder| holder.newest_message);
         newest.map_or(0, |counter| counter.saturating_add(1))
     }
 
@@ -385,7 +379,7 @@ impl RobotSession {
             sent: SendTimes::new(now),
             heard,
             moment,
-            newest_command: None,
+            newest_message: None,
             renewal: None,
         });
         RobotReceived::Connected(answer)
@@ -488,27 +482,23 @@ impl RobotSession {
             holder.heard = now;
             holder.moment = holder.moment.max(moment.unwrap_or_default());
         }
-        let command = postcard::from_bytes::<ToRobot>(plain);
-        let is_always_safe = command.as_ref().is_ok_and(|it| it.command.is_always_safe());
-        if !is_always_safe && holder.newest_command.is_some_and(|newest| counter < newest) {
+        if holder.newest_message.is_some_and(|newest| counter < newest) {
             return RobotReceived::Dropped(DropReason::Stale, None);
         }
-        match command {
-            Ok(command) => {
-                holder.newest_command = holder.newest_command.max(Some(counter));
-                self.age = age;
-                if is_fresh {
-                    self.last_command = Some(now);
-                    RobotReceived::Command(command)
-                } else {
-                    self.late = self.late.saturating_add(1);
-                    RobotReceived::Late { command, age }
-                }
-            }
-            Err(_) => match unreadable(plain) {
-                Some((request, refusal)) => RobotReceived::Refused { request, refusal },
+        let Ok(message) = postcard::from_bytes(plain) else {
+            return match unreadable(plain) {
+                Some(number) => RobotReceived::Unreadable(number),
                 None => RobotReceived::Dropped(DropReason::Malformed, None),
-            },
+            };
+        };
+        holder.newest_message = Some(counter);
+        self.age = age;
+        if is_fresh {
+            self.last_message = Some(now);
+            RobotReceived::Message(message)
+        } else {
+            self.late = self.late.saturating_add(1);
+            RobotReceived::Late { message, age }
         }
     }
 

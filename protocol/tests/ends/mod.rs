@@ -6,7 +6,7 @@ use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use core::time::Duration;
 
 use flix_protocol::message::{
-    Command, Dropped, Halt, LinkQuality, LoopTiming, MotorTelemetry, OperatorName, Permit,
+    Command, Dropped, Halt, LinkQuality, LoopTiming, MotorTelemetry, OperatorName, Order, Permit,
     Setpoint, State, Telemetry, ToOperator, ToRobot,
 };
 use flix_protocol::session::{
@@ -23,14 +23,16 @@ pub(crate) fn key(number: u8) -> Key {
     Key::new([number; 32])
 }
 
-pub(crate) fn command(request: u32, command: Command) -> ToRobot {
-    ToRobot { request, intent: 0, halts: 0, command }
+/// A walk by permit 3, which [`telemetry`] states.
+pub(crate) fn walk(frequency: f32, direction: f32) -> ToRobot {
+    let setpoint = Setpoint::from_numbers(frequency, direction).unwrap();
+    ToRobot::Order(Order::Shake(Permit::new(3), setpoint))
 }
 
-pub(crate) fn setpoint(frequency: f32, direction: f32) -> Command {
-    Command::Setpoint(
-        Setpoint::new(Hertz::new(frequency).unwrap(), Degrees::new(direction).unwrap()).unwrap(),
-    )
+pub(crate) const STOP: ToRobot = ToRobot::Order(Order::Stop);
+
+pub(crate) fn ping(number: u32) -> ToRobot {
+    ToRobot::request(number, Command::Ping(number))
 }
 
 pub(crate) fn telemetry(time: u64) -> ToOperator {
@@ -54,7 +56,6 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         stopped: false,
         link_late: false,
         frequency_limited: false,
-        halts: 0,
         setpoint: Setpoint::REST,
         frequency: Hertz::ZERO,
         direction: Degrees::ZERO,
@@ -118,7 +119,7 @@ impl Ends {
 
     /// The robot hears a ping.
     pub(crate) fn ping(&mut self) {
-        let frame = self.operator.send(self.now, &command(0, Command::Ping(0))).unwrap();
+        let frame = self.operator.send(self.now, &ping(0)).unwrap();
         self.robot_hears(&frame);
     }
 

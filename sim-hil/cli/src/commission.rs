@@ -19,7 +19,8 @@ use flix_sim::reliability::commission::{
 /// motor and phase. 100 robots take eight minutes.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  flix-sim commission\n  flix-sim commission --seeds 100 --first-seed 7000 --json"
+    after_help = "Examples:\n  flix-sim commission\n  flix-sim commission --seeds 100 --first-seed 7000 --json\n  \
+                  flix-sim commission --loss 0.3"
 )]
 pub struct Args {
     /// How many robots
@@ -28,6 +29,9 @@ pub struct Args {
     /// Seed of the first robot; the others follow
     #[arg(long, value_name = "SEED", default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     first_seed: u64,
+    /// Share of the datagrams that the network loses in either direction, 0 to 0.9 [default: 0.01]; wiring faults are searched without
+    #[arg(long, value_name = "SHARE", value_parser = super::conditions::parse_loss)]
+    loss: Option<f64>,
     /// Print JSON only
     #[arg(long)]
     json: bool,
@@ -39,7 +43,7 @@ pub struct Args {
 /// When a robot cannot be built.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let bar = progress(args.seeds as u64, "commissioning");
-    let measured = measure(args.seeds, args.first_seed, || bar.inc(1));
+    let measured = measure(args.seeds, args.first_seed, args.loss, || bar.inc(1));
     bar.finish_and_clear();
     print_verdict(measured, |it| it.pass, args.json, text)
 }
@@ -71,12 +75,14 @@ fn text(all: &Commissioning) -> String {
     let missed =
         wiring.missed.iter().map(|one| format!("seed {}, {}: {}\n", one.seed, one.kind, one.said));
     format!(
-        "Largest error of the two motors of each robot, against the plant:\n\n{}\n{} of {} robots found within the limits.\n\n\
+        "Largest error of the two motors of each robot, against the plant:\n\n{}\n{} of {} robots found within the limits; motors came to \
+         rest {} times because no order counted.\n\n\
          {}\n{} of {} robots without current sense found within the limits.\n\n{}\n{} of {} wiring faults named, with motor and phase; at most \
          {:.2} A\n{}",
         table(&rows),
         all.found,
         all.robots,
+        all.lapses,
         table(&late),
         all.voltage_mode.found,
         all.robots,

@@ -34,7 +34,11 @@ pub struct LoopArgs {
     pub seed: u64,
 }
 
-fn parse_loss(text: &str) -> Result<f64, String> {
+/// Reads a share of lost datagrams.
+///
+/// # Errors
+/// When it is no number from 0 to 0.9.
+pub fn parse_loss(text: &str) -> Result<f64, String> {
     parse_within(text, 0.0..=0.9, "share", "")
 }
 

@@ -33,6 +33,8 @@ pub struct Trialled {
     pub failure: Option<String>,
     /// Largest phase current from power-up on, A.
     pub largest_current_a: f64,
+    /// How often its motors came to rest because no order counted.
+    pub lapses: u8,
     /// How long it took, s.
     pub seconds: f64,
 }
@@ -133,6 +135,8 @@ pub struct Commissioning {
     pub worst: Errors,
     /// Largest phase current, A.
     pub largest_current_a: f64,
+    /// How often motors came to rest because no order counted.
+    pub lapses: u64,
     /// Longest time, s.
     pub longest_s: f64,
     /// The same robots without current sense.
@@ -145,21 +149,23 @@ pub struct Commissioning {
     pub pass: bool,
 }
 
-/// Commissions so many robots of unknown motors from this seed on. `done` is called after each.
+/// Commissions so many robots of unknown motors from this seed on, over a network that loses this share of the datagrams in either
+/// direction beyond the ordinary, where one is named. `done` is called after each.
 ///
 /// # Errors
 /// When a robot cannot be built.
 pub fn measure(
     robots: usize,
     first_seed: u64,
+    loss: Option<f64>,
     done: impl Fn() + Sync,
 ) -> Result<Commissioning, BenchError> {
     let seeds: Vec<u64> = (0..robots as u64).map(|count| first_seed.wrapping_add(count)).collect();
     let each = seeds
         .par_iter()
         .map(|seed| {
-            let trialled = commission_unknown(*seed)?;
-            let late = try_in_voltage_mode(*seed)?;
+            let trialled = commission_unknown(*seed, loss)?;
+            let late = try_in_voltage_mode(*seed, loss)?;
             let searched = search(*seed)?;
             done();
             Ok((trialled, late, searched))
@@ -183,6 +189,7 @@ pub fn measure(
         found,
         worst: ended.reduce(Errors::worse).unwrap_or_default(),
         largest_current_a: largest(|it| it.largest_current_a).max(wiring_faults.largest_current_a),
+        lapses: each.iter().map(|it| u64::from(it.lapses)).sum(),
         longest_s: largest(|it| it.seconds),
         pass: found == robots
             && voltage_mode.found == robots
@@ -198,12 +205,13 @@ pub fn measure(
 ///
 /// # Errors
 /// When it cannot be built.
-pub fn commission_unknown(seed: u64) -> Result<Trialled, BenchError> {
+pub fn commission_unknown(seed: u64, loss: Option<f64>) -> Result<Trialled, BenchError> {
     let model = unknown_motors(seed);
     let drawn = Drawn::of(&model);
     let shaker = model.shaker;
     let mut watched = Watched::power_up(model, seed)?;
     let known = known(&shaker, seed, &watched);
+    loss.inspect(|share| watched.lose(*share));
     let start = watched.operation.now();
     let found = watched.commission(&known);
     let electronics = watched.operation.robot.electronics();
@@ -214,6 +222,7 @@ pub fn commission_unknown(seed: u64) -> Result<Trialled, BenchError> {
         errors: found.as_ref().ok().map(|found| Errors::of(found, &truth, drawn.latency_us)),
         failure: found.err().map(|error| error.to_string()),
         largest_current_a: watched.largest_current.get(),
+        lapses: watched.lapses(),
         seconds: watched.operation.now().since(start).as_secs_f64(),
     })
 }
@@ -282,7 +291,7 @@ impl VoltageMode {
 ///
 /// # Errors
 /// When it cannot be built.
-pub(crate) fn try_in_voltage_mode(seed: u64) -> Result<Late, BenchError> {
+pub(crate) fn try_in_voltage_mode(seed: u64, loss: Option<f64>) -> Result<Late, BenchError> {
     let mut model = unknown_motors(seed);
     model.electrical.sense.current = false;
     let drawn = Drawn::of(&model);
@@ -294,6 +303,7 @@ pub(crate) fn try_in_voltage_mode(seed: u64) -> Result<Late, BenchError> {
     entered.remove("encoder_latency");
     watched.enter(entered)?;
     let known = known(&model.shaker, seed, &watched);
+    loss.inspect(|share| watched.lose(*share));
     let start = watched.operation.now();
     let found = find_latency(&mut watched, &known, |_| {});
     let ended = found.as_ref().ok();

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use flix_firmware::settings::Settings;
 use flix_host::commission::{CommissionError, Commissioned, Known, commission, motor_name};
-use flix_host::link::{ARM_PATIENCE, Client, RobotLink, passes_by_itself};
+use flix_host::link::{Client, RobotLink};
 use flix_protocol::message::{Command, Outcome, ParameterCommand, Refusal, Setpoint};
 use flix_protocol::units::Instant;
 use rand::{RngExt as _, SeedableRng as _};
@@ -194,6 +194,22 @@ impl Watched {
         Ok(watched)
     }
 
+    /// Loses this share of all datagrams from now on, in either direction.
+    pub fn lose(&mut self, share: f64) {
+        for operator in &mut self.operation.operators {
+            for channel in [&mut operator.to_robot, &mut operator.to_operator] {
+                channel.parameters.loss = share;
+            }
+        }
+    }
+
+    /// Returns how often motors that were driven came to rest because no order counted, modulo 256.
+    #[must_use]
+    pub fn lapses(&self) -> u8 {
+        let events = &self.operation.robot.report().events;
+        events.command_deadline.wrapping_add(events.command_age)
+    }
+
     /// Returns all its settings, and how they are known.
     #[must_use]
     pub fn settings(&self) -> Settings {
@@ -247,24 +263,11 @@ impl RobotLink for Watched {
         self.operation.wait(longest)
     }
 
-    fn insist(&mut self, command: Command) -> Result<Outcome, OperationError> {
-        let end = self.operation.now() + ARM_PATIENCE;
-        loop {
-            match self.request(command.clone())? {
-                Outcome::Refused(refusal)
-                    if passes_by_itself(&refusal) && self.operation.now() < end =>
-                {
-                    self.pause(Duration::from_millis(20))?;
-                }
-                outcome => return Ok(outcome),
-            }
-        }
-    }
-
     fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {
         let late = LATEST.mul_f64(self.late.random());
         Ok(self.operation.run(duration + late, |_| {})?)
     }
+
     /// Its owner is a person.
     fn hold(&mut self, setpoint: Setpoint) {
         self.want(setpoint);

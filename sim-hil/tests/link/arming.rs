@@ -3,89 +3,47 @@
 use std::time::Duration;
 
 use flix_protocol::failsafe::{LINK_LATE, PROVING_TIME};
-use flix_protocol::message::{Command, Outcome, Refusal, State};
+use flix_protocol::message::{Halt, Order, State, Withheld};
 
-use super::bench::{Bench, TICK, setpoint};
+use super::bench::{Bench, KEEP_ALIVE, TICK};
 
-/// Says a ping every 20 ms from now on, for exactly so long; the last tick is not the last ping.
-fn prove(bench: &mut Bench, duration: Duration) {
-    bench.hold(Command::Ping(0), duration);
+#[test]
+fn arming_wants_half_a_second_of_orders_without_a_gap() {
+    // How long orders come, the gap after the last of them, and for how long they come then.
+    for (before, gap, after, is_proven) in [
+        (Duration::ZERO, Duration::ZERO, Duration::ZERO, false),
+        (PROVING_TIME - TICK, Duration::ZERO, Duration::ZERO, false),
+        (PROVING_TIME, Duration::ZERO, Duration::ZERO, true),
+        (PROVING_TIME / 2, LINK_LATE - TICK, PROVING_TIME / 2, true),
+        (PROVING_TIME / 2, LINK_LATE, PROVING_TIME / 2, false),
+    ] {
+        let mut bench = Bench::connected();
+        bench.hold(Order::Off, before);
+        if gap > Duration::ZERO {
+            bench.order(Order::Off);
+            bench.wait(gap);
+            bench.hold(Order::Off, after);
+        }
+        bench.order(Order::Arm(bench.permit()));
+        bench.wait(KEEP_ALIVE);
+        let told = (!is_proven).then_some(Withheld::LinkUnproven);
+        let state = if is_proven { State::Aligning } else { State::Disarmed };
+        let case = format!("{before:?} {gap:?} {after:?}");
+        assert_eq!((bench.state(), bench.telemetry().withheld), (state, told), "{case}");
+    }
 }
 
 #[test]
-fn a_link_proven_for_one_tick_less_does_not_arm() {
-    let mut bench = Bench::connected();
-    prove(&mut bench, PROVING_TIME - TICK);
-    assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::LinkUnproven));
-}
-
-#[test]
-fn arming_in_the_moment_of_connecting_is_refused_for_the_link_alone() {
-    let mut bench = Bench::connected();
-    assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::LinkUnproven));
-}
-
-#[test]
-fn an_idle_robot_is_cleared_in_the_moment_of_connecting() {
-    let mut bench = Bench::connected();
-    assert_eq!(bench.say(Command::Clear), Outcome::Done);
-}
-
-#[test]
-fn a_link_proven_for_500_ms_arms() {
-    let mut bench = Bench::connected();
-    prove(&mut bench, PROVING_TIME);
-    assert_eq!(bench.say(Command::Arm), Outcome::Done);
-}
-
-#[test]
-fn a_silence_of_one_tick_less_than_100_ms_is_forgiven() {
-    let mut bench = Bench::connected();
-    prove(&mut bench, PROVING_TIME / 2);
-    bench.say(Command::Ping(1));
-    bench.wait(LINK_LATE - TICK);
-    prove(&mut bench, PROVING_TIME / 2);
-    assert_eq!(bench.say(Command::Arm), Outcome::Done);
-}
-
-#[test]
-fn a_silence_of_100_ms_starts_the_proof_over() {
-    let mut bench = Bench::connected();
-    prove(&mut bench, PROVING_TIME / 2);
-    bench.say(Command::Ping(1));
-    bench.wait(LINK_LATE);
-    prove(&mut bench, PROVING_TIME / 2);
-    assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::LinkUnproven));
-}
-
-#[test]
-fn a_setpoint_alone_never_arms() {
-    let mut bench = Bench::connected();
-    bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_secs(2));
-    assert_eq!((bench.state(), bench.speed()), (State::Disarmed, 0.0));
-}
-
-#[test]
-fn an_armed_robot_rests_until_it_is_told_to_shake() {
-    let mut bench = Bench::armed();
-    bench.hold(Command::Ping(0), Duration::from_secs(1));
-    assert_eq!(bench.state(), State::Armed);
-}
-
-#[test]
-fn a_lost_link_is_not_armed_again_by_commands_that_come_back() {
+fn a_robot_that_lost_its_link_is_armed_only_by_a_new_wish() {
     let mut bench = Bench::shaking();
+    let walk = bench.walk(20.0, 0.0);
+    let arm = Order::Arm(bench.permit());
     bench.wait(Duration::from_millis(1_500));
-    bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_secs(1));
-    assert_eq!(bench.state(), State::Disarmed);
-}
-
-#[test]
-fn a_robot_that_is_armed_again_forgets_what_it_was_told_before() {
-    let mut bench = Bench::shaking();
-    bench.say(Command::Disarm);
-    bench.hold(Command::Ping(0), Duration::from_secs(1));
-    bench.arm();
-    bench.hold(Command::Ping(0), Duration::from_millis(300));
-    assert_eq!(bench.state(), State::Armed);
+    for old in [walk, arm] {
+        bench.hold(old, Duration::from_secs(1));
+        let shown = bench.shown();
+        assert_eq!((bench.state(), shown.halt), (State::Disarmed, Halt::LinkLost));
+        assert_eq!((shown.withheld, bench.speed() < 0.5), (Some(Withheld::Permit), true));
+    }
+    bench.arm_at_once();
 }

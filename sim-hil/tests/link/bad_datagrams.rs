@@ -4,13 +4,13 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use flix_protocol::frame::{Frame, MAGIC, MAXIMUM_DATAGRAM};
-use flix_protocol::message::{Command, Dropped, Outcome, State};
-use flix_protocol::session::{Key, OperatorSession};
+use flix_protocol::frame::{MAGIC, MAXIMUM_DATAGRAM};
+use flix_protocol::message::{Dropped, Order, State};
+use flix_protocol::session::{Key, OperatorSession, Status};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::bench::{Bench, setpoint};
+use super::bench::Bench;
 
 fn stranger() -> SocketAddr {
     SocketAddr::from(([192, 0, 2, 66], 666))
@@ -62,7 +62,7 @@ fn random_datagrams_never_move_the_robot() {
         let from = if round % 2 == 0 { stranger() } else { operator };
         bench.robot.receive(from, &datagram);
         if round % 100 == 0 {
-            bench.say(Command::Ping(round));
+            bench.order(Order::Arm(bench.permit()));
         }
         if round % 10 == 0 {
             bench.tick();
@@ -72,69 +72,52 @@ fn random_datagrams_never_move_the_robot() {
 }
 
 #[test]
-fn a_replayed_command_is_dropped() {
+fn an_order_that_is_replayed_or_was_overtaken_is_dropped() {
     let mut bench = Bench::armed();
-    let address = bench.operator.address;
-    let now = bench.now();
-    let command = bench.operator.seal(now, Command::Setpoint(setpoint(20.0, 0.0)));
-    bench.robot.receive(address, &command);
-    bench.hold(Command::Setpoint(setpoint(0.0, 0.0)), Duration::from_secs(1));
+    let (now, address) = (bench.now(), bench.operator.address);
+    let [replayed, overtaken] =
+        [20.0, 35.0].map(|frequency| bench.operator.seal(now, bench.walk(frequency, 0.0)));
+    bench.robot.receive(address, &replayed);
+    bench.hold(bench.walk(0.0, 0.0), Duration::from_secs(1));
     let dropped = counted(&mut bench, |bench| {
         for _ in 0..100 {
-            bench.robot.receive(address, &command);
+            bench.robot.receive(address, &replayed);
         }
+        bench.robot.receive(address, &overtaken);
     });
-    assert_eq!(dropped, Dropped { replayed: 100, ..Dropped::default() });
+    assert_eq!(dropped, Dropped { replayed: 100, stale: 1, ..Dropped::default() });
 }
 
 #[test]
-fn a_command_that_was_overtaken_is_dropped() {
+fn a_damaged_order_is_dropped_whichever_bit_is_wrong() {
     let mut bench = Bench::armed();
-    let address = bench.operator.address;
-    let now = bench.now();
-    let old = bench.operator.seal(now, Command::Setpoint(setpoint(35.0, 0.0)));
-    assert_eq!(bench.say(Command::Setpoint(setpoint(0.0, 0.0))), Outcome::Done);
-    let dropped = counted(&mut bench, |bench| bench.robot.receive(address, &old));
-    assert_eq!(dropped, Dropped { stale: 1, ..Dropped::default() });
-}
-
-#[test]
-fn a_damaged_command_is_dropped_whichever_bit_is_wrong() {
-    let mut bench = Bench::armed();
-    let address = bench.operator.address;
-    let now = bench.now();
-    let command = bench.operator.seal(now, Command::Setpoint(setpoint(35.0, 0.0)));
-    let bits = command.len() * 8;
-    let mut accepted = 0;
-    for bit in 0..bits {
-        let mut damaged = command.clone();
+    let (now, address) = (bench.now(), bench.operator.address);
+    let order = bench.operator.seal(now, bench.walk(35.0, 0.0));
+    for bit in 0..order.len() * 8 {
+        let mut damaged = order.clone();
         damaged[bit / 8] ^= 1 << (bit % 8);
-        let before = bench.robot.report().state;
         bench.robot.receive(address, &damaged);
-        bench.robot.tick().unwrap();
-        accepted += usize::from(bench.robot.report().state != before);
+        bench.tick();
+        assert_eq!(bench.state(), State::Armed, "bit {bit}");
     }
-    assert_eq!(accepted, 0);
+    bench.robot.receive(address, &order);
+    bench.wait(Duration::from_millis(5));
+    assert_eq!(bench.state(), State::Running, "undamaged");
 }
 
 #[test]
 fn another_key_does_not_even_begin_a_session() {
     let mut bench = Bench::new();
     let mut intruder = OperatorSession::new(Key::new([8; 32]), [9; 32], bench.now());
-    let mut frame = Frame::new();
     for _ in 0..10_000 {
-        let now = bench.now();
-        if let Some(hello) = intruder.poll(now) {
+        if let Some(hello) = intruder.poll(bench.now()) {
             bench.robot.receive(stranger(), &hello);
         }
-        while bench.robot.transmit(&mut frame).is_some() {
-            let _ = intruder.receive(now, &frame);
-        }
+        bench.listen_with(stranger(), |now, frame| drop(intruder.receive(now, frame)));
         bench.robot.tick().unwrap();
     }
-    assert!(intruder.status(bench.now()) != flix_protocol::session::Status::Connected);
-    bench.connect();
-    let dropped = bench.quality().dropped;
+    assert_ne!(intruder.status(bench.now()), Status::Connected);
+    let dropped = bench.robot.link_quality().dropped;
     assert!(dropped.forged > 0, "{dropped:?}");
 }
 

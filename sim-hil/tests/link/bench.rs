@@ -6,8 +6,8 @@ use std::time::Duration;
 use flix_firmware::settings::Settings;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, EventReport, LinkQuality, Outcome, Reply, Setpoint, State, Telemetry,
-    ToOperator, ToRobot,
+    Command, Event, EventReport, LinkQuality, Order, Outcome, Permit, Reply, Setpoint, State,
+    Telemetry, ToOperator, ToRobot,
 };
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
 use flix_protocol::units::Instant;
@@ -17,7 +17,7 @@ use flix_sim::rig::simulated::{Flash, RobotParameters, SimulatedRobot};
 
 pub(crate) use flix_firmware::hardware::TICK;
 /// How often the operators here repeat themselves.
-const KEEP_ALIVE: Duration = Duration::from_millis(20);
+pub(crate) const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Longer than any alignment.
 const PATIENCE: Duration = Duration::from_secs(20);
 
@@ -26,9 +26,6 @@ pub(crate) struct Operator {
     pub(crate) address: SocketAddr,
     pub(crate) session: OperatorSession,
     requests: u32,
-    /// Counts what the person wants: the caller counts on.
-    pub(crate) intent: u8,
-    pub(crate) halts: u8,
     pub(crate) replies: Vec<Reply>,
     pub(crate) events: Vec<EventReport>,
     pub(crate) telemetry: Vec<Telemetry>,
@@ -41,8 +38,6 @@ impl Operator {
             address: SocketAddr::from(([192, 0, 2, number], 40_000)),
             session: OperatorSession::new(key, [number; 32], now),
             requests: 0,
-            intent: 0,
-            halts: 0,
             replies: Vec::new(),
             events: Vec::new(),
             telemetry: Vec::new(),
@@ -50,12 +45,15 @@ impl Operator {
         }
     }
 
-    /// The sealed datagram of a command.
-    pub(crate) fn seal(&mut self, now: Instant, command: Command) -> Frame {
+    /// The sealed datagram of an order.
+    pub(crate) fn seal(&mut self, now: Instant, order: Order) -> Frame {
+        self.session.send(now, &ToRobot::Order(order)).unwrap()
+    }
+
+    /// The sealed datagram of a request.
+    pub(crate) fn ask(&mut self, now: Instant, command: Command) -> Frame {
         self.requests += 1;
-        let message =
-            ToRobot { request: self.requests, intent: self.intent, halts: self.halts, command };
-        self.session.send(now, &message).unwrap()
+        self.session.send(now, &ToRobot::request(self.requests, command)).unwrap()
     }
 
     pub(crate) fn receive(&mut self, now: Instant, datagram: &[u8]) {
@@ -104,7 +102,7 @@ impl Bench {
         Self { robot, operator }
     }
 
-    /// With a session, nothing commanded yet.
+    /// With a session and its first telemetry, no order given yet.
     pub(crate) fn connected() -> Self {
         let mut bench = Self::new();
         bench.connect();
@@ -121,7 +119,7 @@ impl Bench {
     /// Shaking at 20 Hz for a while.
     pub(crate) fn shaking() -> Self {
         let mut bench = Self::armed();
-        bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_millis(600));
+        bench.hold(bench.walk(20.0, 0.0), Duration::from_millis(600));
         assert_eq!(bench.state(), State::Running);
         bench
     }
@@ -142,7 +140,7 @@ impl Bench {
 
     pub(crate) fn connect(&mut self) {
         let end = self.now() + PATIENCE;
-        while !self.operator.is_connected {
+        while !self.operator.is_connected || self.operator.telemetry.is_empty() {
             assert!(self.now() < end, "no session");
             self.shake_hands();
             self.tick();
@@ -158,13 +156,19 @@ impl Bench {
         }
     }
 
+    /// Proves the link, and arms.
     pub(crate) fn arm(&mut self) {
-        self.hold(Command::Ping(0), Duration::from_millis(600));
-        assert_eq!(self.say(Command::Arm), Outcome::Done);
-        let end = self.now() + PATIENCE;
-        while self.state() != State::Armed {
-            assert!(self.now() < end, "{:?}", self.robot.report());
-            self.hold(Command::Ping(0), KEEP_ALIVE);
+        self.hold(Order::Off, Duration::from_millis(600));
+        self.arm_at_once();
+    }
+
+    /// Arms with no order before.
+    pub(crate) fn arm_at_once(&mut self) {
+        let (order, end) = (Order::Arm(self.permit()), self.now() + PATIENCE);
+        while self.shown().state != State::Armed {
+            let report = self.robot.report();
+            assert!(self.now() < end && report.faults.is_empty(), "{report:?}");
+            self.hold(order, KEEP_ALIVE);
         }
     }
 
@@ -174,12 +178,20 @@ impl Bench {
         self.robot.tick().unwrap();
     }
 
+    /// Hears what the robot sends to the operator.
     fn listen(&mut self) {
+        self.listen_with(self.operator.address, |_, _| {});
+    }
+
+    /// Hears what the robot sends to the operator, and what it sends to another address.
+    pub(crate) fn listen_with(&mut self, other: SocketAddr, mut hear: impl FnMut(Instant, &Frame)) {
         let now = self.now();
         let mut frame = Frame::new();
         while let Some(to) = self.robot.transmit(&mut frame) {
             if to == self.operator.address {
                 self.operator.receive(now, &frame);
+            } else if to == other {
+                hear(now, &frame);
             }
         }
     }
@@ -201,11 +213,37 @@ impl Bench {
         }
     }
 
-    /// Ticks for so long with a command repeated at once and every 20 ms.
-    pub(crate) fn hold(&mut self, command: Command, duration: Duration) {
+    /// The newest telemetry that arrived.
+    pub(crate) fn shown(&self) -> Telemetry {
+        *self.operator.telemetry.last().expect("a session begins with telemetry")
+    }
+
+    /// The newest permit that was shown.
+    pub(crate) fn permit(&self) -> Permit {
+        self.shown().permit
+    }
+
+    /// To shake at this f and theta, by the newest permit.
+    pub(crate) fn walk(&self, frequency: f64, direction: f64) -> Order {
+        Order::Shake(self.permit(), setpoint(frequency, direction))
+    }
+
+    /// Gives an order once, now.
+    pub(crate) fn order(&mut self, order: Order) {
+        let frame = self.operator.seal(self.now(), order);
+        self.robot.receive(self.operator.address, &frame);
+    }
+
+    /// Ticks for so long with an order repeated at once and every 20 ms.
+    pub(crate) fn hold(&mut self, order: Order, duration: Duration) {
+        self.repeat(duration, |bench| bench.order(order));
+    }
+
+    /// Ticks for so long, and acts at once and every 20 ms.
+    pub(crate) fn repeat(&mut self, duration: Duration, mut act: impl FnMut(&mut Self)) {
         let end = self.now() + duration;
         while self.now() < end {
-            self.say(command.clone());
+            act(self);
             let next = (self.now() + KEEP_ALIVE).min(end);
             while self.now() < next {
                 self.tick();
@@ -213,24 +251,30 @@ impl Bench {
         }
     }
 
-    /// Commands, now, and hears the answer.
+    /// Holds an order until telemetry tells of it.
+    pub(crate) fn see(&mut self, order: Order) -> Telemetry {
+        self.hold(order, 2 * KEEP_ALIVE);
+        self.shown()
+    }
+
+    /// Makes a request, now, and hears the answer.
     pub(crate) fn say(&mut self, command: Command) -> Outcome {
-        let frame = self.operator.seal(self.now(), command);
+        let frame = self.operator.ask(self.now(), command);
         self.robot.receive(self.operator.address, &frame);
         let request = self.operator.requests;
         self.listen();
         let mut replies = self.operator.replies.iter().rev();
         let reply = replies.find(|reply| reply.request == request);
-        reply.expect("every command is answered at once").outcome.clone()
+        reply.expect("every request is answered at once").outcome.clone()
     }
 
-    /// The newest telemetry, after waiting for it.
+    /// The next telemetry.
     pub(crate) fn telemetry(&mut self) -> Telemetry {
-        self.operator.telemetry.clear();
-        while self.operator.telemetry.is_empty() {
+        let before = self.operator.telemetry.len();
+        while self.operator.telemetry.len() == before {
             self.tick();
         }
-        self.operator.telemetry[0]
+        self.shown()
     }
 
     /// What the robot counts.
@@ -247,16 +291,5 @@ impl Bench {
         let flash = self.robot.parameters().flash.clone();
         *self = Self::with_flash(flash);
         self.connect();
-    }
-}
-
-impl Bench {
-    /// Commands, and ticks for 2 ms while the robot's own datagrams wait.
-    pub(crate) fn hold_deaf(&mut self, command: Command) {
-        let frame = self.operator.seal(self.now(), command);
-        self.robot.receive(self.operator.address, &frame);
-        for _ in 0..20 {
-            self.robot.tick().unwrap();
-        }
     }
 }

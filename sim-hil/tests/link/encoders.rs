@@ -1,12 +1,12 @@
-//! What the encoders say of themselves reaches the operator: readings dropped and corrected, and their magnets.
+//! The operator learns of his robot's encoders: readings that were dropped and corrected, and their magnets.
 
 use std::time::Duration;
 
 use flix_firmware::hardware::TICK;
-use flix_protocol::message::{Command, EncoderHealth, Event, Fault, Magnet};
+use flix_protocol::message::{EncoderHealth, Event, Fault, Magnet, Order};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 
-use super::bench::{Bench, setpoint};
+use super::bench::Bench;
 
 /// Injects a fault for so long, and waits for its end and for the report of it.
 fn after(bench: &mut Bench, fault: HardwareFault, duration: Duration) -> [EncoderHealth; 2] {
@@ -52,13 +52,13 @@ fn readings_that_fail_or_are_beyond_belief_are_counted_as_dropped() {
 #[test]
 fn a_robot_that_drives_well_counts_nothing() {
     let mut bench = Bench::shaking();
-    bench.hold(Command::Setpoint(setpoint(30.0, 30.0)), Duration::from_secs(2));
+    bench.hold(bench.walk(30.0, 30.0), Duration::from_secs(2));
     let found = bench.telemetry().encoders;
     assert_eq!(found.map(|it| (it.dropped, it.corrected, it.magnet)), [(0, 0, Magnet::Good); 2]);
 }
 
 #[test]
-fn a_magnet_that_is_too_weak_or_too_strong_is_told_once_and_shown_as_long_as_it_is() {
+fn a_magnet_out_of_range_is_told_once_and_shown_throughout() {
     for (motor, magnet) in [(0, Magnet::Weak), (1, Magnet::Strong)] {
         let mut bench = Bench::connected();
         for _ in 0..3 {
@@ -82,11 +82,10 @@ fn a_missing_magnet_is_named_beside_the_lost_encoder() {
     let fault = HardwareFault::Magnet(1, Magnet::Missing);
     let from = bench.now();
     bench.robot.disturb(Injected::new(fault, from, from + Duration::from_secs(2), 1));
-    bench.hold(Command::Ping(0), Duration::from_millis(600));
+    bench.hold(Order::Off, Duration::from_millis(600));
     let magnets = [Magnet::Good, Magnet::Missing];
     assert_eq!(bench.telemetry().encoders.map(|it| it.magnet), magnets);
-    bench.say(Command::Arm);
-    bench.hold(Command::Ping(0), Duration::from_millis(100));
+    bench.hold(Order::Arm(bench.permit()), Duration::from_millis(100));
     let telemetry = bench.telemetry();
     assert_eq!(telemetry.first_fault, Some(Fault::EncoderLost));
     assert_eq!(telemetry.encoders.map(|it| it.magnet), magnets);

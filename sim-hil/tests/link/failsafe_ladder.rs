@@ -1,43 +1,50 @@
-//! 100 ms without a valid command: warned; 250 ms: both rotors ramp down together; 1 s: disarmed.
+//! 100 ms without an order: warned; 250 ms: both rotors ramp down together; 1 s: disarmed.
 //! Nothing one tick before, everything one tick after.
 
 use std::time::Duration;
 
 use flix_protocol::failsafe::{COMMAND_DEADLINE, LINK_LATE, LINK_LOST};
-use flix_protocol::message::{Command, Event, Outcome, Refusal, State};
+use flix_protocol::message::{Command, Event, Halt, Order, State};
 
-use super::bench::{Bench, TICK, setpoint};
+use super::bench::{Bench, TICK};
 
-/// A robot that shakes, heard of for the last time so long before its last tick.
-fn silent_for(silence: Duration) -> Bench {
-    let mut bench = Bench::shaking();
-    bench.say(Command::Setpoint(setpoint(20.0, 0.0)));
-    // The tick at the moment of the command, and all after it.
+/// Gives an order for the last time, and lets so long pass up to the robot's last tick.
+fn last(mut bench: Bench, order: Order, silence: Duration) -> Bench {
+    bench.order(order);
+    // The tick at the moment of the order, and all after it.
     bench.wait(silence + TICK);
     bench
 }
 
-#[test]
-fn the_operator_is_warned_after_100_ms_and_not_before() {
-    let late = |silence| silent_for(silence).robot.report().link_late;
-    let before = late(LINK_LATE - TICK);
-    assert_eq!([before, late(LINK_LATE)], [false, true]);
+/// A robot that shakes, heard of for the last time so long before its last tick.
+fn silent_for(silence: Duration) -> Bench {
+    let bench = Bench::shaking();
+    let walk = bench.walk(20.0, 0.0);
+    last(bench, walk, silence)
 }
 
 #[test]
-fn the_rotors_ramp_down_after_250_ms_and_not_before() {
-    let before = silent_for(COMMAND_DEADLINE - TICK).state();
-    assert_eq!([before, silent_for(COMMAND_DEADLINE).state()], [State::Running, State::Stopping]);
+fn each_step_of_silence_comes_at_its_tick_and_not_before() {
+    let shaking = |silence| {
+        let report = silent_for(silence).robot.report();
+        (report.state, report.link_late)
+    };
+    assert_eq!(shaking(LINK_LATE - TICK), (State::Running, false));
+    assert_eq!(shaking(LINK_LATE), (State::Running, true));
+    assert_eq!(shaking(COMMAND_DEADLINE - TICK), (State::Running, true));
+    assert_eq!(shaking(COMMAND_DEADLINE), (State::Stopping, true));
+    assert_eq!(shaking(LINK_LOST - TICK).0, State::Armed);
+    // The rotors are at rest already, so letting go takes one tick.
+    assert_ne!(shaking(LINK_LOST).0, State::Armed);
 }
 
 #[test]
-fn a_robot_that_aligns_its_motors_lets_go_after_250_ms_and_not_before() {
+fn aligning_motors_are_let_go_after_250_ms_and_not_before() {
     let aligning_for = |silence| {
         let mut bench = Bench::connected();
-        bench.hold(Command::Ping(0), Duration::from_millis(600));
-        bench.say(Command::Arm);
-        bench.wait(silence + TICK);
-        bench
+        bench.hold(Order::Off, Duration::from_millis(600));
+        let arm = Order::Arm(bench.permit());
+        last(bench, arm, silence)
     };
     let before = aligning_for(COMMAND_DEADLINE - TICK).state();
     let mut after = aligning_for(COMMAND_DEADLINE);
@@ -47,18 +54,7 @@ fn a_robot_that_aligns_its_motors_lets_go_after_250_ms_and_not_before() {
 }
 
 #[test]
-fn the_robot_is_disarmed_after_a_second_and_not_before() {
-    let disarmed = |silence| {
-        let bench = silent_for(silence);
-        // At rest already, so letting go takes one tick.
-        matches!(bench.state(), State::Disarmed | State::Stopping)
-    };
-    let before = disarmed(LINK_LOST - TICK);
-    assert_eq!([before, disarmed(LINK_LOST)], [false, true]);
-}
-
-#[test]
-fn both_rotors_are_at_rest_600_ms_after_the_last_command() {
+fn both_rotors_are_at_rest_600_ms_after_the_last_order() {
     let speed = silent_for(Duration::from_millis(600)).speed();
     assert!(speed < 0.5, "{speed} Hz");
 }
@@ -76,64 +72,45 @@ fn theta_is_held_while_the_rotors_ramp_down() {
     assert!(largest_error < 5.0, "{largest_error} degrees");
 }
 
+/// An order that comes back while the rotors ramp down is obeyed again. Whoever sees them stand may reach for the robot: only a
+/// person who knows that they stand starts them again.
 #[test]
-fn commands_that_come_back_while_the_rotors_ramp_down_are_obeyed_again() {
-    let mut bench = silent_for(COMMAND_DEADLINE + Duration::from_millis(50));
-    bench.hold(Command::Setpoint(setpoint(15.0, 0.0)), Duration::from_millis(800));
-    let frequency = bench.robot.truth().frequency();
-    assert!((frequency - 15.0).abs() < 0.5, "{frequency} Hz");
-}
-
-/// Whoever sees the rotors stand may reach for the robot: only a person starts them again.
-#[test]
-fn rotors_that_came_to_rest_by_silence_turn_again_only_when_a_person_asks_for_it() {
-    for silence in (400..1_000).step_by(31) {
-        let mut bench = silent_for(Duration::from_millis(silence));
+fn rotors_that_came_to_rest_by_silence_wait_for_a_new_wish() {
+    for silence in (260..1_000).step_by(31) {
+        let mut bench = Bench::shaking();
+        let walk = bench.walk(15.0, 0.0);
+        bench.order(walk);
+        bench.wait(Duration::from_millis(silence));
         let mut has_rested = false;
-        let mut refused = false;
         for _ in 0..100 {
-            bench.operator.replies.clear();
-            bench.hold(Command::Setpoint(setpoint(15.0, 0.0)), Duration::from_millis(10));
+            bench.hold(walk, Duration::from_millis(10));
             has_rested |= bench.state() == State::Armed;
-            refused |= bench
-                .operator
-                .replies
-                .iter()
-                .any(|reply| reply.outcome == Outcome::Refused(Refusal::Rested));
             let speed = bench.speed();
             assert!(!has_rested || speed < 0.5, "{speed} Hz again after {silence} ms");
         }
-        assert_eq!(has_rested, refused, "{silence} ms");
-        if !has_rested {
-            // A dip: the rotors were still ramping down.
-            assert!(silence < 600, "{silence} ms");
-            continue;
+        assert_eq!(has_rested, bench.shown().halt == Halt::Rested, "{silence} ms");
+        // Rotors that did not rest were still ramping down.
+        assert!(has_rested || silence < 600, "{silence} ms");
+        if has_rested {
+            assert_eq!(bench.state(), State::Armed, "{silence} ms");
+            bench.hold(bench.walk(15.0, 0.0), Duration::from_millis(800));
         }
-        assert_eq!(bench.state(), State::Armed, "{silence} ms");
-        // A key that was pressed before anybody could see that they rest.
-        bench.operator.intent += 1;
-        bench.hold(Command::Setpoint(setpoint(15.0, 0.0)), Duration::from_millis(300));
-        assert!(bench.speed() < 0.5, "{silence} ms");
-        bench.operator.intent += 1;
-        bench.operator.halts = bench.operator.telemetry.last().unwrap().halts;
-        bench.hold(Command::Setpoint(setpoint(15.0, 0.0)), Duration::from_millis(800));
         let frequency = bench.robot.truth().frequency();
         assert!((frequency - 15.0).abs() < 0.5, "{frequency} Hz after {silence} ms");
     }
 }
 
 #[test]
-fn pings_do_not_keep_a_robot_shaking() {
+fn requests_are_no_signs_of_life() {
     let mut bench = Bench::shaking();
-    bench.hold(Command::Ping(0), Duration::from_millis(700));
+    let ping = |bench: &mut Bench| drop(bench.say(Command::Ping(0)));
+    bench.repeat(Duration::from_millis(700), ping);
     assert!(bench.speed() < 0.5, "{} Hz", bench.speed());
-}
-
-#[test]
-fn pings_do_not_start_a_robot_that_ramped_down() {
-    let mut bench = Bench::shaking();
-    bench.hold(Command::Ping(0), Duration::from_secs(3));
-    assert!(bench.speed() < 0.5, "{} Hz", bench.speed());
+    bench.repeat(Duration::from_secs(2), |bench| {
+        ping(bench);
+        assert!(bench.speed() < 0.5, "{} Hz", bench.speed());
+    });
+    assert_eq!((bench.state(), bench.shown().halt), (State::Disarmed, Halt::LinkLost));
 }
 
 #[test]

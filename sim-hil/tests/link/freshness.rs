@@ -1,28 +1,30 @@
-//! A robot obeys only what its operator means now: a network that delays commands moves it no longer than the
-//! command age and the ramp down after the operator's last intent.
+//! A robot obeys only what its operator means now: a network that delays orders moves it no longer than the command age and
+//! the ramp down after the operator's last wish.
 
 use std::time::Duration;
 
 use flix_protocol::failsafe::{COMMAND_AGE, LONGEST_MOVEMENT, longest_command_age};
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Command, Event, Outcome, ParameterCommand, Refusal, State};
+use flix_protocol::message::{
+    Command, Event, Order, Outcome, ParameterCommand, Refusal, State, Withheld,
+};
 
-use super::bench::{Bench, TICK, setpoint};
+use super::bench::{Bench, TICK};
 
 /// Keeps every deadline of silence.
 const DRIP: Duration = Duration::from_millis(90);
 
-/// A robot at full speed, and datagrams that its operator sealed then and that the network kept.
+/// A robot at full speed, and orders that its operator sealed then and that the network kept.
 fn at_full_speed(kept: usize) -> (Bench, Vec<Frame>) {
     at_full_speed_of(Bench::armed(), kept)
 }
 
 fn at_full_speed_of(mut bench: Bench, kept: usize) -> (Bench, Vec<Frame>) {
-    let full = Command::Setpoint(setpoint(35.0, 0.0));
-    bench.hold(full.clone(), Duration::from_secs(2));
+    let full = bench.walk(35.0, 0.0);
+    bench.hold(full, Duration::from_secs(2));
     assert!(bench.speed() > 34.0);
     let now = bench.now();
-    let frames = (0..kept).map(|_| bench.operator.seal(now, full.clone())).collect();
+    let frames = (0..kept).map(|_| bench.operator.seal(now, full)).collect();
     (bench, frames)
 }
 
@@ -49,12 +51,12 @@ fn setpoints_released_one_by_one_prolong_no_movement_at_the_longest_age_of_comma
 }
 
 fn release_one_by_one(mut bench: Bench, frames: Vec<Frame>) {
-    let (intent, address) = (bench.now(), bench.operator.address);
+    let (wished, address) = (bench.now(), bench.operator.address);
     for frame in frames {
         bench.robot.receive(address, &frame);
         for _ in 0..DRIP.as_micros() / TICK.as_micros() {
             bench.tick();
-            let since = bench.now().since(intent);
+            let since = bench.now().since(wished);
             assert!(since < LONGEST_MOVEMENT || bench.speed() < 0.5, "moves after {since:?}");
         }
     }
@@ -74,21 +76,21 @@ fn setpoints_released_in_a_burst_later_move_nothing() {
 }
 
 #[test]
-fn the_rotors_ramp_down_when_the_newest_setpoint_is_too_old_though_it_arrived_just_now() {
+fn rotors_ramp_down_for_an_old_setpoint_that_arrived_just_now() {
     let (mut bench, frames) = at_full_speed(1);
-    let (intent, address) = (bench.now(), bench.operator.address);
-    while bench.now().since(intent) < COMMAND_AGE - Duration::from_millis(190) {
+    let (wished, address) = (bench.now(), bench.operator.address);
+    while bench.now().since(wished) < COMMAND_AGE - Duration::from_millis(190) {
         bench.tick();
     }
     bench.robot.receive(address, &frames[0]);
-    // 190 ms of silence only, but the command was meant 400 ms ago. It states a telemetry of the last 20 ms, and its
+    // 190 ms of silence only, but the order was meant 400 ms ago. It states a telemetry of the last 20 ms, and its
     // time is rounded by up to a slot.
     let before = Duration::from_millis(40);
-    while bench.now().since(intent) < COMMAND_AGE - before {
+    while bench.now().since(wished) < COMMAND_AGE - before {
         bench.tick();
     }
     let still = bench.state();
-    while bench.now().since(intent) < COMMAND_AGE + 2 * TICK {
+    while bench.now().since(wished) < COMMAND_AGE + 2 * TICK {
         bench.tick();
     }
     assert_eq!([still, bench.state()], [State::Running, State::Stopping]);
@@ -97,57 +99,40 @@ fn the_rotors_ramp_down_when_the_newest_setpoint_is_too_old_though_it_arrived_ju
 }
 
 #[test]
-fn what_arrives_too_late_is_refused_with_its_age_and_told_once() {
+fn late_orders_and_changes_do_nothing_and_are_told_once() {
     let mut bench = Bench::connected();
-    bench.hold(Command::Ping(0), Duration::from_secs(1));
+    bench.hold(Order::Off, Duration::from_secs(1));
+    let (now, address) = (bench.now(), bench.operator.address);
+    let arm = Order::Arm(bench.permit());
     let set = ParameterCommand::Set("telemetry_rate".try_into().unwrap(), 20.0);
-    let kinds = [Command::Arm, Command::Clear, Command::Parameter(set)];
-    let now = bench.now();
-    let late: Vec<Frame> = kinds.map(|kind| bench.operator.seal(now, kind)).into();
+    let change = bench.operator.ask(now, Command::Parameter(set));
+    let late = [change, bench.operator.seal(now, arm), bench.operator.seal(now, arm)];
     bench.wait(Duration::from_millis(600));
-    bench.operator.replies.clear();
-    let address = bench.operator.address;
     for frame in late {
         bench.robot.receive(address, &frame);
         bench.tick();
     }
-    let refused = bench.operator.replies.iter().all(|reply| {
-        matches!(
-            reply.outcome,
-            Outcome::Refused(Refusal::Late { age_ms: 600..=640, limit_ms: 400 })
-        )
-    });
-    assert!(refused && bench.operator.replies.len() == 3, "{:?}", bench.operator.replies);
-    let late =
-        bench.events().iter().filter(|event| matches!(event, Event::CommandsLate { .. })).count();
-    assert_eq!((late, bench.state()), (1, State::Disarmed));
+    let withheld = bench.telemetry().withheld;
+    let is_late = matches!(withheld, Some(Withheld::Late { age_ms: 600..=640, limit_ms: 400 }));
+    assert!(is_late, "{withheld:?}");
+    let replies: Vec<_> = bench.operator.replies.iter().map(|reply| &reply.outcome).collect();
+    let [Outcome::Refused(Refusal::Late { age_ms: 600..=640, limit_ms: 400 })] = replies[..] else {
+        panic!("{replies:?}");
+    };
+    let told = |event: &&Event| matches!(event, Event::CommandsLate { .. });
+    assert_eq!((bench.events().iter().filter(told).count(), bench.state()), (1, State::Disarmed));
 }
 
 #[test]
 fn a_stop_and_a_disarm_count_at_any_age() {
-    for (kind, stopped) in [(Command::Stop, true), (Command::Disarm, false)] {
-        let mut bench = Bench::armed();
+    for (order, stopped) in [(Order::Stop, true), (Order::Off, false)] {
+        let mut bench = Bench::shaking();
         let (now, address) = (bench.now(), bench.operator.address);
-        let late = bench.operator.seal(now, kind);
-        bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_secs(1));
-        assert_eq!(bench.state(), State::Running);
+        let late = bench.operator.seal(now, order);
+        bench.wait(Duration::from_millis(700));
+        assert_eq!(bench.state(), State::Armed);
         bench.robot.receive(address, &late);
-        bench.wait(Duration::from_millis(600));
+        bench.wait(Duration::from_millis(5));
         assert_eq!((bench.state(), bench.robot.report().stopped), (State::Disarmed, stopped));
     }
-}
-
-#[test]
-fn a_late_ping_is_answered_but_is_no_sign_of_life() {
-    let mut bench = Bench::armed();
-    let (now, address) = (bench.now(), bench.operator.address);
-    let late: Vec<Frame> =
-        (0..10).map(|number| bench.operator.seal(now, Command::Ping(number))).collect();
-    bench.wait(Duration::from_millis(500));
-    bench.operator.replies.clear();
-    for frame in late {
-        bench.robot.receive(address, &frame);
-        bench.wait(DRIP);
-    }
-    assert_eq!((bench.operator.replies.len(), bench.state()), (10, State::Disarmed));
 }

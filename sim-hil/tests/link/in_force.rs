@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use flix_firmware::settings::Settings;
-use flix_protocol::message::{Command, Name, Outcome, ParameterCommand, Refusal, State};
+use flix_protocol::message::{Command, Name, Order, Outcome, ParameterCommand, Refusal, State};
 use flix_sim::rig::simulated::Flash;
 
-use super::bench::{Bench, setpoint};
+use super::bench::Bench;
 
 /// Phase current that is never to be exceeded, A.
 const LIMIT: f64 = 0.9;
@@ -27,28 +27,18 @@ fn aligned(seed: u64) -> Bench {
 }
 
 fn disarm(bench: &mut Bench) {
-    assert_eq!(bench.say(Command::Disarm), Outcome::Done);
-    while bench.state() != State::Disarmed {
-        bench.hold(Command::Ping(0), Duration::from_millis(20));
+    while bench.shown().state != State::Disarmed {
+        bench.see(Order::Off);
     }
-    bench.hold(Command::Ping(0), Duration::from_millis(700));
-}
-
-/// Arms at once, with no word in between.
-fn arm(bench: &mut Bench) {
-    assert_eq!(bench.say(Command::Arm), Outcome::Done);
-    while bench.state() != State::Armed {
-        let report = bench.robot.report();
-        assert!(report.faults.is_empty(), "{report:?}");
-        bench.hold(Command::Ping(0), Duration::from_millis(20));
-    }
+    bench.hold(Order::Off, Duration::from_millis(700));
 }
 
 /// Runs up to 30 Hz, and returns the largest phase current, A.
 fn largest_current(bench: &mut Bench) -> f64 {
     let mut largest = 0.0_f64;
+    let walk = bench.walk(30.0, 0.0);
     for _ in 0..30 {
-        bench.say(Command::Setpoint(setpoint(30.0, 0.0)));
+        bench.order(walk);
         for _ in 0..200 {
             bench.tick();
             largest = largest.max(bench.robot.truth().largest_current());
@@ -63,11 +53,11 @@ fn a_limit_set_after_a_zero_and_just_before_arming_holds() {
         let mut bench = aligned(seed);
         for pause_ms in [0, 2, 5, 9, 14].map(|pause| pause + seed) {
             set(&mut bench, "current_limit", 2.0);
-            bench.hold(Command::Ping(0), Duration::from_millis(100));
+            bench.hold(Order::Off, Duration::from_millis(100));
             set(&mut bench, "top_encoder_zero", 3.0 * pause_ms as f64);
             bench.wait(Duration::from_millis(pause_ms));
             set(&mut bench, "current_limit", LIMIT);
-            arm(&mut bench);
+            bench.arm_at_once();
             let largest = largest_current(&mut bench);
             assert!(largest < LIMIT, "seed {seed}, {pause_ms} ms: {largest} A");
             disarm(&mut bench);
@@ -79,18 +69,16 @@ fn a_limit_set_after_a_zero_and_just_before_arming_holds() {
 fn a_limit_set_while_a_rotor_still_turns_holds() {
     for seed in [1, 2] {
         let mut bench = aligned(seed);
-        arm(&mut bench);
-        bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_millis(600));
-        assert_eq!(bench.say(Command::Stop), Outcome::Done);
+        bench.arm_at_once();
+        bench.hold(bench.walk(20.0, 0.0), Duration::from_millis(600));
         while bench.state() != State::Disarmed {
-            bench.hold(Command::Ping(0), Duration::from_millis(1));
+            bench.hold(Order::Stop, Duration::from_millis(1));
         }
         set(&mut bench, "bottom_encoder_clockwise", 1.0);
         set(&mut bench, "bottom_encoder_clockwise", 0.0);
         set(&mut bench, "current_limit", LIMIT);
-        assert_eq!(bench.say(Command::Clear), Outcome::Done);
-        bench.hold(Command::Ping(0), Duration::from_millis(20));
-        arm(&mut bench);
+        assert!(!bench.see(Order::Clear(bench.permit())).stopped);
+        bench.arm_at_once();
         let largest = largest_current(&mut bench);
         assert!(largest < LIMIT, "seed {seed}: {largest} A");
     }
@@ -99,7 +87,7 @@ fn a_limit_set_while_a_rotor_still_turns_holds() {
 #[test]
 fn nothing_is_set_once_arming_was_asked_for() {
     let mut bench = aligned(1);
-    assert_eq!(bench.say(Command::Arm), Outcome::Done);
+    bench.order(Order::Arm(bench.permit()));
     let name = Name::try_from("current_limit").unwrap();
     let late = bench.say(Command::Parameter(ParameterCommand::Set(name, LIMIT as f32)));
     assert_eq!(late, Outcome::Refused(Refusal::State(State::Aligning)));
@@ -107,11 +95,11 @@ fn nothing_is_set_once_arming_was_asked_for() {
 
 /// Mean heat of both motors, W, and f by the plant, Hz, at 35 Hz.
 fn at_35_hz(bench: &mut Bench) -> (f64, f64) {
-    let command = Command::Setpoint(setpoint(35.0, 0.0));
-    bench.hold(command.clone(), Duration::from_millis(800));
+    let walk = bench.walk(35.0, 0.0);
+    bench.hold(walk, Duration::from_millis(800));
     let (mut heat, mut f, mut ticks) = (0.0, 0.0, 0.0);
     for _ in 0..20 {
-        bench.say(command.clone());
+        bench.order(walk);
         for _ in 0..200 {
             bench.tick();
             let truth = bench.robot.truth();
@@ -128,7 +116,7 @@ fn at_35_hz(bench: &mut Bench) -> (f64, f64) {
 fn zeros_and_directions_entered_after_alignment_keep_the_commutation() {
     for seed in [1, 2, 3] {
         let mut bench = aligned(seed);
-        arm(&mut bench);
+        bench.arm_at_once();
         let (before, _) = at_35_hz(&mut bench);
         disarm(&mut bench);
         for changes in [
@@ -140,7 +128,7 @@ fn zeros_and_directions_entered_after_alignment_keep_the_commutation() {
             for (name, value) in changes {
                 set(&mut bench, name, *value);
             }
-            arm(&mut bench);
+            bench.arm_at_once();
             let (after, f) = at_35_hz(&mut bench);
             assert!(after < 1.05 * before + 0.01, "{changes:?}: {before} W, then {after} W");
             assert!((f.abs() - 35.0).abs() < 0.05, "{changes:?}: {f} Hz");
@@ -153,9 +141,9 @@ fn zeros_and_directions_entered_after_alignment_keep_the_commutation() {
 fn other_pole_pairs_are_aligned_with_before_anything_runs() {
     let mut bench = aligned(1);
     set(&mut bench, "pole_pairs", 5.0);
-    assert_eq!(bench.say(Command::Arm), Outcome::Done);
+    let arm = Order::Arm(bench.permit());
     while bench.state() == State::Disarmed || bench.state() == State::Aligning {
-        bench.hold(Command::Ping(0), Duration::from_millis(20));
+        bench.hold(arm, Duration::from_millis(20));
     }
     // Those of the motors are 7: alignment sees it.
     assert_eq!(bench.state(), State::Faulted);

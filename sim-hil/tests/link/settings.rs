@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use flix_firmware::settings::{self, MOTOR_VALUES, Settings};
+use flix_firmware::settings::{MOTOR_VALUES, Settings};
 use flix_protocol::message::{
-    Command, Event, Fault, Name, Outcome, ParameterCommand, Refusal, State,
+    Command, Event, Fault, Name, Order, Outcome, ParameterCommand, Refusal, State, Withheld,
 };
 use flix_sim::rig::simulated::Flash;
 
@@ -23,28 +23,6 @@ fn value(bench: &mut Bench, setting: &str) -> f32 {
         Outcome::Parameter(parameter) => parameter.value,
         other => panic!("{other:?}"),
     }
-}
-
-#[test]
-fn all_settings_are_listed_page_by_page() {
-    let mut bench = Bench::connected();
-    let mut listed = Vec::new();
-    loop {
-        let first = u16::try_from(listed.len()).unwrap();
-        match bench.say(Command::Parameter(ParameterCommand::List(first))) {
-            Outcome::Parameters { total, entries } => {
-                assert_eq!(usize::from(total), settings::COUNT);
-                if entries.is_empty() {
-                    break;
-                }
-                listed.extend(entries);
-            }
-            other => panic!("{other:?}"),
-        }
-    }
-    let names: Vec<_> = listed.iter().map(|parameter| parameter.name.as_str()).collect();
-    let expected: Vec<_> = settings::TABLE.iter().map(|setting| setting.name).collect();
-    assert_eq!(names, expected);
 }
 
 #[test]
@@ -76,60 +54,46 @@ fn a_changed_setting_is_obeyed_by_the_fast_loop() {
     bench.wait(Duration::from_millis(20));
     bench.say(set("over_speed", 15.0));
     bench.arm();
-    bench.hold(Command::Setpoint(super::bench::setpoint(20.0, 0.0)), Duration::from_millis(600));
+    bench.hold(bench.walk(20.0, 0.0), Duration::from_millis(600));
     assert_eq!(bench.robot.report().first_fault, Some(Fault::OverSpeed));
 }
 
 #[test]
-fn what_alignment_found_is_kept_over_power_off() {
+fn an_alignment_is_kept_over_power_off() {
     let mut bench = Bench::armed();
-    bench.say(Command::Disarm);
-    bench.hold(Command::Ping(0), Duration::from_millis(200));
+    bench.hold(Order::Off, Duration::from_millis(200));
     bench.restart();
     let aligned = [value(&mut bench, "top_aligned"), value(&mut bench, "bottom_aligned")];
     assert_eq!(aligned, [1.0, 1.0]);
 }
 
 /// A robot whose flash holds what it should not.
-fn corrupt() -> Bench {
+#[test]
+fn damaged_settings_are_defaults_that_arm_only_once_cleared_and_known() {
     let flash = Flash::default();
     flash.overwrite(Some(vec![0x5a; 100]));
     let mut bench = Bench::with_flash(flash);
     bench.connect();
-    bench.hold(Command::Ping(0), Duration::from_millis(1_000));
-    bench
-}
-
-#[test]
-fn damaged_settings_are_replaced_by_defaults_and_told() {
-    let mut bench = corrupt();
+    bench.hold(Order::Off, Duration::from_millis(1_000));
     assert!(bench.events().contains(&Event::SettingsDefaulted));
     assert_eq!(value(&mut bench, "over_speed"), Settings::DEFAULT.over_speed);
-}
-
-#[test]
-fn a_robot_with_damaged_settings_does_not_arm() {
-    let mut bench = corrupt();
-    let Outcome::Refused(Refusal::Faulted(faults)) = bench.say(Command::Arm) else {
-        panic!("armed");
-    };
-    assert!(faults.contains(Fault::Settings));
-}
-
-#[test]
-fn a_robot_with_damaged_settings_arms_once_they_are_cleared_and_its_motors_known() {
-    let mut bench = corrupt();
-    assert_eq!(bench.say(Command::Clear), Outcome::Done);
-    bench.hold(Command::Ping(0), Duration::from_millis(1_000));
-    let refused = bench.say(Command::Arm);
+    let shown = bench.see(Order::Arm(bench.permit()));
+    assert_eq!(shown.state, State::Faulted);
+    assert!(shown.faults.contains(Fault::Settings), "{shown:?}");
+    assert!(bench.see(Order::Clear(bench.permit())).faults.is_empty());
+    bench.hold(Order::Off, Duration::from_millis(1_000));
+    let shown = bench.see(Order::Arm(bench.permit()));
+    assert_eq!((shown.withheld, shown.state), (Some(Withheld::Settings), State::Disarmed));
+    let refused = bench.say(Command::Parameter(ParameterCommand::Check));
     assert!(matches!(refused, Outcome::Refused(Refusal::Assumed { .. })), "{refused:?}");
+    // An operator who enters values is no longer asking to arm.
+    bench.see(Order::Off);
     for setting in MOTOR_VALUES {
         let known = value(&mut bench, setting);
         let entered = bench.say(set(setting, known));
         assert!(matches!(entered, Outcome::Parameter(_)), "{entered:?}");
     }
     bench.arm();
-    assert_eq!(bench.state(), State::Armed);
 }
 
 #[test]

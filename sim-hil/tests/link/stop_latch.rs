@@ -2,141 +2,93 @@
 
 use std::time::Duration;
 
-use flix_protocol::frame::Frame;
-use flix_protocol::message::{Command, Event, OperatorName, Outcome, Refusal, State};
+use flix_protocol::message::{Event, Halt, OperatorName, Order, State, Withheld};
 use flix_protocol::session::{StopSession, StopStatus};
 
-use super::bench::{Bench, key, setpoint};
+use super::bench::{Bench, Operator, key};
 
 #[test]
-fn a_stopped_robot_rests_whatever_is_asked_of_it() {
+fn a_stopped_robot_rests_until_it_is_cleared() {
     let mut bench = Bench::shaking();
-    assert_eq!(bench.say(Command::Stop), Outcome::Done);
-    bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_millis(600));
-    assert!(bench.speed() < 0.5, "{} Hz", bench.speed());
+    let (permit, first) = (bench.permit(), bench.operator.session.sealed() + 1);
+    bench.hold(Order::Stop, Duration::from_millis(500));
+    let shown = bench.shown();
+    assert!(shown.stopped && shown.heard >= first, "acknowledged: {shown:?}");
+    assert_eq!((shown.state, shown.permit), (State::Disarmed, permit), "its operator asked for it");
+    for order in [Order::Arm(permit), bench.walk(20.0, 0.0)] {
+        bench.hold(order, Duration::from_millis(600));
+        assert_eq!((bench.shown().withheld, bench.speed() < 0.5), (Some(Withheld::Stopped), true));
+    }
+    assert!(!bench.see(Order::Clear(permit)).stopped);
+    bench.arm_at_once();
 }
 
+/// The newest order wins, also over one that it overtook.
 #[test]
-fn a_stopped_robot_says_why_it_does_not_arm() {
-    let mut bench = Bench::shaking();
-    bench.say(Command::Stop);
-    bench.hold(Command::Ping(0), Duration::from_secs(1));
-    assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::Stopped));
+fn a_stop_or_disarm_that_crosses_its_opposite_wins() {
+    for overtakes in [false, true] {
+        for newer in [Order::Stop, Order::Off] {
+            let mut bench = Bench::connected();
+            bench.hold(Order::Off, Duration::from_millis(600));
+            if newer == Order::Stop {
+                bench.see(Order::Stop);
+            }
+            let (now, permit, address) = (bench.now(), bench.permit(), bench.operator.address);
+            let older =
+                if newer == Order::Stop { Order::Clear(permit) } else { Order::Arm(permit) };
+            let mut frames = [older, newer].map(|order| bench.operator.seal(now, order));
+            if overtakes {
+                frames.reverse();
+            }
+            for frame in frames {
+                bench.robot.receive(address, &frame);
+            }
+            bench.wait(Duration::from_millis(100));
+            let stopped = newer == Order::Stop;
+            assert_eq!((bench.state(), bench.robot.report().stopped), (State::Disarmed, stopped));
+        }
+    }
 }
 
-#[test]
-fn a_stop_is_acknowledged_as_often_as_it_is_repeated() {
-    let mut bench = Bench::shaking();
-    let outcomes = [(); 5].map(|()| bench.say(Command::Stop));
-    assert_eq!(outcomes, [(); 5].map(|()| Outcome::Done));
-}
-
-#[test]
-fn a_stop_before_arming_keeps_the_robot_from_arming() {
-    let mut bench = Bench::connected();
-    bench.hold(Command::Ping(0), Duration::from_millis(600));
-    bench.say(Command::Stop);
-    assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::Stopped));
-}
-
-#[test]
-fn a_stop_while_aligning_lets_go() {
-    let mut bench = Bench::connected();
-    bench.hold(Command::Ping(0), Duration::from_millis(600));
-    bench.say(Command::Arm);
-    bench.hold(Command::Ping(0), Duration::from_millis(100));
-    assert_eq!(bench.state(), State::Aligning);
-    bench.say(Command::Stop);
-    bench.wait(Duration::from_millis(5));
-    assert_eq!(bench.state(), State::Disarmed);
-}
-
-#[test]
-fn a_stop_that_crosses_a_clear_wins() {
-    let mut bench = Bench::connected();
-    bench.say(Command::Clear);
-    bench.say(Command::Stop);
-    bench.wait(Duration::from_millis(5));
-    assert!(bench.robot.report().stopped);
-}
-
-#[test]
-fn a_clear_right_behind_a_stop_is_refused_not_lost() {
-    let mut bench = Bench::shaking();
-    bench.say(Command::Stop);
-    assert_eq!(bench.say(Command::Clear), Outcome::Refused(Refusal::State(State::Stopping)));
-}
-
-#[test]
-fn a_disarm_that_crosses_an_arm_wins() {
-    let mut bench = Bench::connected();
-    bench.hold(Command::Ping(0), Duration::from_millis(600));
-    bench.say(Command::Arm);
-    bench.say(Command::Disarm);
-    bench.hold(Command::Ping(0), Duration::from_millis(100));
-    assert_eq!(bench.state(), State::Disarmed);
-}
-
-/// Another operator stops the robot without a session, as long as that takes.
-fn stop_from_outside(bench: &mut Bench) {
-    let mut stop = StopSession::new(&key(), [2; 32], bench.now());
+/// Another operator stops the robot without a session, while its operator goes on with an order; how long that takes.
+fn stop_from_outside(bench: &mut Bench, order: Order) -> Duration {
+    let begun = bench.now();
+    let mut stop = StopSession::new(&key(), [2; 32], begun);
     let address = ([192, 0, 2, 2], 40_000).into();
-    let end = bench.now() + Duration::from_secs(2);
-    let mut frame = Frame::new();
-    while bench.now() < end && stop.status() != StopStatus::AtRest {
+    while stop.status() != StopStatus::AtRest {
+        assert!(bench.now().since(begun) < Duration::from_secs(2), "{:?}", stop.status());
         if let Some(datagram) = stop.poll(bench.now()) {
             bench.robot.receive(address, &datagram);
-            let now = bench.now();
-            while let Some(to) = bench.robot.transmit(&mut frame) {
-                if to == address {
-                    stop.receive(now, &frame).unwrap();
-                } else {
-                    bench.operator.receive(now, &frame);
-                }
-            }
+            bench.listen_with(address, |now, frame| stop.receive(now, frame).unwrap());
         }
-        bench.hold(Command::Setpoint(setpoint(20.0, 0.0)), Duration::from_millis(1));
+        bench.hold(order, Duration::from_millis(1));
     }
-    assert_eq!(stop.status(), StopStatus::AtRest);
+    bench.now().since(begun)
 }
 
 #[test]
-fn a_stop_from_outside_is_acknowledged_once_the_rotors_are_at_rest() {
+fn only_an_operator_who_knows_a_stop_from_outside_clears_it() {
     let mut bench = Bench::shaking();
-    stop_from_outside(&mut bench);
+    let (old, walk) = (Order::Clear(bench.permit()), bench.walk(20.0, 0.0));
+    let took = stop_from_outside(&mut bench, walk);
+    assert!(took < Duration::from_millis(600), "{took:?}");
     assert_eq!((bench.state(), bench.speed() < 0.5), (State::Disarmed, true));
-}
-
-#[test]
-fn a_stop_from_outside_latches_as_one_in_the_session_and_its_operator_learns_of_it() {
-    let mut bench = Bench::shaking();
-    stop_from_outside(&mut bench);
-    assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::Stopped));
     assert!(bench.events().contains(&Event::StoppedFromOutside(OperatorName::OWNER)));
-    assert_eq!(bench.say(Command::Clear), Outcome::Refused(Refusal::Stopped), "who knows of it?");
-    bench.operator.halts = bench.operator.telemetry.last().unwrap().halts;
-    assert_eq!(bench.say(Command::Clear), Outcome::Done);
-    bench.arm();
-    assert_eq!(bench.state(), State::Armed);
+    let shown = bench.see(old);
+    assert_eq!((shown.stopped, shown.halt), (true, Halt::StoppedFromOutside));
+    assert_eq!(shown.withheld, Some(Withheld::Permit));
+    assert!(!bench.see(Order::Clear(bench.permit())).stopped);
+    bench.arm_at_once();
 }
 
 #[test]
 fn a_stop_outlives_the_operator_who_said_it() {
     let mut bench = Bench::shaking();
-    bench.say(Command::Stop);
+    bench.see(Order::Stop);
     bench.wait(Duration::from_secs(12));
-    bench.operator = super::bench::Operator::new(super::bench::key(), 2, bench.now());
+    bench.operator = Operator::new(key(), 2, bench.now());
     bench.connect();
-    bench.hold(Command::Ping(0), Duration::from_millis(600));
-    assert_eq!(bench.say(Command::Arm), Outcome::Refused(Refusal::Stopped));
-}
-
-#[test]
-fn a_cleared_robot_arms_again() {
-    let mut bench = Bench::shaking();
-    bench.say(Command::Stop);
-    bench.hold(Command::Ping(0), Duration::from_secs(1));
-    assert_eq!(bench.say(Command::Clear), Outcome::Done);
-    bench.arm();
-    assert_eq!(bench.state(), State::Armed);
+    bench.hold(Order::Off, Duration::from_millis(600));
+    let shown = bench.see(Order::Arm(bench.permit()));
+    assert_eq!((shown.withheld, shown.state), (Some(Withheld::Stopped), State::Disarmed));
 }

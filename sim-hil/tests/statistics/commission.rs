@@ -17,7 +17,7 @@ use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
 
 #[test]
 fn robots_of_unknown_motors_find_their_own_values_and_name_what_is_wired_wrongly() {
-    let measured = measure(3, 2, || {}).unwrap();
+    let measured = measure(3, 2, None, || {}).unwrap();
     assert!(measured.pass, "{measured:?}");
     assert_eq!(measured.voltage_mode.refused_assumed, 3);
     let wiring = &measured.wiring_faults;

@@ -3,10 +3,10 @@
 use core::net::SocketAddr;
 
 use flix_firmware::board::DENGFOC_V3_01;
-use flix_firmware::hardware::SettingsStore;
+use flix_firmware::hardware::NoStore;
 use flix_firmware::robot::Robot;
 use flix_protocol::frame::Frame;
-use flix_protocol::message::{Command, ToRobot};
+use flix_protocol::message::{Command, Order, ToRobot};
 use flix_protocol::session::{Key, OperatorReceived, OperatorSession};
 use flix_protocol::units::Instant;
 
@@ -16,19 +16,6 @@ use crate::overhead;
 const NOW: Instant = Instant::from_micros(1_000_000);
 /// A byte of every datagram that its tag covers.
 const FORGED: usize = 20;
-
-/// Keeps no settings.
-struct NoStore;
-
-impl SettingsStore for NoStore {
-    type Error = ();
-    fn load(&mut self, _: &mut [u8]) -> Result<Option<usize>, ()> {
-        Ok(None)
-    }
-    fn save(&mut self, _: &[u8]) -> Result<(), ()> {
-        Ok(())
-    }
-}
 
 struct Counter {
     robot: Robot<NoStore>,
@@ -77,14 +64,12 @@ pub(crate) fn count() -> Option<()> {
     counter.forge("a forged Confirm", &confirm);
     let accept = counter.receive("a good Confirm: a session begins", &confirm);
     let is_connected = operator.receive(NOW, &accept) == OperatorReceived::Connected;
-    let mut seal = |request, command| {
-        operator.send(NOW, &ToRobot { request, intent: 0, halts: 0, command }).ok()
-    };
-    let ping = seal(1, Command::Ping(1))?;
-    counter.forge("a forged command", &ping);
-    counter.receive("a good command, with its reply", &ping);
-    counter.receive("a command replayed", &ping);
-    let stop = seal(2, Command::Stop)?;
-    counter.receive("a good stop, with its reply", &stop);
+    let mut seal = |message| operator.send(NOW, &message).ok();
+    let ping = seal(ToRobot::request(1, Command::Ping(1)))?;
+    counter.forge("a forged request", &ping);
+    counter.receive("a good request, with its reply", &ping);
+    counter.receive("a request replayed", &ping);
+    let stop = seal(ToRobot::Order(Order::Stop))?;
+    counter.receive("a good order: a stop", &stop);
     is_connected.then_some(())
 }

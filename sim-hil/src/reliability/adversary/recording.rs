@@ -89,7 +89,7 @@ fn record(robot: [u8; 32], operator: [u8; 32]) -> Vec<Vec<u8>> {
             recording.push(report.to_vec());
             operator.receive(now, &report);
         }
-        let ping = ToRobot { request: 1, intent: 0, halts: 0, command: Command::Ping(1) };
+        let ping = ToRobot::request(1, Command::Ping(1));
         if let Ok(ping) = operator.send(now, &ping) {
             recording.push(ping.to_vec());
             robot.receive(now, SocketAddr::from(OPERATOR), &ping);

@@ -126,10 +126,10 @@ impl Link {
         if plays && self.random.random::<f64>() < PLAYED {
             self.play();
         }
-        let ping = ToRobot { request: 1, intent: 0, halts: 0, command: Command::Ping(1) };
+        let ping = ToRobot::request(1, Command::Ping(1));
         let Ok(frame) = self.operator.send(self.now, &ping) else { return false };
         self.to_robot.push(frame.to_vec());
-        matches!(self.hear(&frame), RobotReceived::Command(_))
+        matches!(self.hear(&frame), RobotReceived::Message(_))
             && self.operator.status(self.now) == Status::Connected
     }
 

@@ -268,9 +268,9 @@ impl Siege {
             if now.since(begun) >= CONNECTED_WITHIN {
                 self.fails(operator.status(now) != Status::Connected);
             }
-            let ping = ToRobot { request: 1, intent: 0, halts: 0, command: Command::Ping(1) };
+            let ping = ToRobot::request(1, Command::Ping(1));
             if let Ok(frame) = operator.send(now, &ping)
-                && matches!(robot.receive(now, from, &frame), RobotReceived::Command(_))
+                && matches!(robot.receive(now, from, &frame), RobotReceived::Message(_))
             {
                 let reply = ToOperator::Reply(Reply { request: 1, outcome: Outcome::Done });
                 if let Ok((_, frame)) = robot.send(now, &reply) {
