@@ -7,6 +7,7 @@ use flix_protocol::message::Setpoint;
 use flix_shell::number::parse_within;
 use flix_shell::time::duration;
 
+use super::error::Error;
 use flix_sim::model::{LEGS, ModelError, RobotModel};
 use flix_sim::rig::bench::setpoint;
 
@@ -64,8 +65,12 @@ impl SetpointArgs {
     ///
     /// # Errors
     /// When one is not a number or out of range; the sentence names the range.
-    pub fn check(self) -> Result<Setpoint, flix_protocol::units::OutOfRange> {
-        setpoint(self.frequency.into(), self.direction.into())
+    pub fn check(self) -> Result<Setpoint, Error> {
+        setpoint(self.frequency.into(), self.direction.into()).map_err(|error| {
+            Error::usage(format_args!(
+                "{error}; the robot takes -35 to 35 Hz and -90 to 90 degrees"
+            ))
+        })
     }
 }
 

@@ -46,8 +46,8 @@ impl LoopArgs {
     pub fn table(&self) -> Result<ModeTable, Error> {
         match &self.modes {
             Some(file) => ModeTable::load(file)
-                .map_err(|error| Error::refused(format!("--modes {}: {error}", file.display()))),
-            None => shipped_table(&self.model.model).map_err(Error::refused),
+                .map_err(|error| Error::usage(format!("--modes {}: {error}", file.display()))),
+            None => shipped_table(&self.model.model).map_err(Error::usage),
         }
     }
 

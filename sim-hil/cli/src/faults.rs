@@ -33,7 +33,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let wanted = |case: &Case| case.name.contains(&args.only);
     if !CASES.iter().any(wanted) {
         let names = CASES.map(|case| case.name).join(", ");
-        return Err(Error::refused(format!(
+        return Err(Error::usage(format!(
             "--only {}: there is no such fault among {names}",
             args.only
         )));

@@ -83,7 +83,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     settings.latency = args.conditions.latency;
     let mut setup = facts(&settings);
     setup.extend(args.conditions.facts());
-    let navigator = Navigator::new(task, repertoire, settings).map_err(Error::refused)?;
+    let navigator = Navigator::new(task, repertoire, settings).map_err(Error::usage)?;
     let mut recorder = Recorder::create(&args.out, SystemTime::now(), &description("home", setup))?;
     recorder.attach(
         Instant::START,

@@ -39,7 +39,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-pub use self::error::{Error, ServeError};
+pub use self::error::Error;
 
 /// A simulated Flix-Walker under the robot's own software.
 #[derive(Debug, Parser)]
@@ -119,6 +119,6 @@ pub fn run(cli: Cli) -> ExitCode {
     };
     outcome.unwrap_or_else(|error| {
         output::complain(&error);
-        if error.is_usage() { ExitCode::from(2) } else { ExitCode::FAILURE }
+        error.exit()
     })
 }

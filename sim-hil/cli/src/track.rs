@@ -181,7 +181,7 @@ fn finish(
     let pilot = course.into_pilot();
     let numbers = results(pilot.helm().navigator(), seconds);
     let (steering, record) = pilot.finish(numbers.clone());
-    let Some(record) = record.complete()? else { return Err(Error::refused(ending)) };
+    let Some(record) = record.complete()? else { return Err(Error::usage(ending)) };
     let run = Run::read(&record)?;
     let stem = record.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let folder = record.parent().map(PathBuf::from).unwrap_or_default();

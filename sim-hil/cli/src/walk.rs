@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         heading: args.heading.map(f64::to_radians),
     };
     if what.drive == WalkDrive::Firmware && what.step > TICK {
-        return Err(Error::refused(format!(
+        return Err(Error::usage(format!(
             "--step {:?}: the firmware ticks every 0.1ms; take at most that, or --drive ideal",
             args.step
         )));

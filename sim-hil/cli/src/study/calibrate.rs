@@ -156,8 +156,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (judged, walked) = judge(args, &settings, &model, &held)?;
     print(&format!("\n{judged}"))?;
     let path = args.out.join("calibrated.toml");
-    write_model(&path, &model, &origin(args, &judged))
-        .map_err(|error| Error::Write { path: path.clone(), error })?;
+    write_model(&path, &model, &origin(args, &judged)).map_err(Error::write(&path))?;
     let figure = course(&so_far.history).write(&args.out, "calibration")?;
     print(&format!("\nmodel   {}\nfigure  {}\n", path.display(), figure.png.display()))?;
     let measured: Vec<(Measured, Cell)> = walked
@@ -210,14 +209,14 @@ fn goals(args: &Args) -> Result<Vec<Goal>, Error> {
 fn split(goals: Vec<Goal>, hold_out: &[usize]) -> Result<(Vec<Goal>, Vec<Goal>), Error> {
     let rows = goals.len();
     if let Some(row) = hold_out.iter().find(|row| !(1..=rows).contains(row)) {
-        return Err(Error::refused(format!(
+        return Err(Error::usage(format!(
             "there is no row {row} to hold out: rows are 1 to {rows}"
         )));
     }
     let (held, fitted): (Vec<_>, Vec<_>) =
         goals.into_iter().enumerate().partition(|(index, _)| hold_out.contains(&(index + 1)));
     if fitted.is_empty() {
-        return Err(Error::refused("all rows are held out: leave some to fit"));
+        return Err(Error::usage("all rows are held out: leave some to fit"));
     }
     let goals = |rows: Vec<(usize, Goal)>| rows.into_iter().map(|(_, goal)| goal).collect();
     Ok((goals(fitted), goals(held)))

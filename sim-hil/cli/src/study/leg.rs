@@ -125,8 +125,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     }
     print(&text(&report))?;
     let path = args.out.join("tests.csv");
-    write_whole(&path, to_csv(&tests).as_bytes())
-        .map_err(|error| Error::Write { path: path.clone(), error })?;
+    write_whole(&path, to_csv(&tests).as_bytes()).map_err(Error::write(&path))?;
     let fit = rig.simulate(found.values, &tests)?;
     let figure = figure(&tests, &fit, &report).write(&args.out, "leg")?;
     print(&format!("\ntests   {}\nfigure  {}\n", path.display(), figure.png.display()))?;

@@ -198,7 +198,7 @@ fn tracks(sweep: &Sweep) -> Result<Track, Error> {
         .par_iter()
         .map(|mode| {
             let what = Walk {
-                shaking: Shaking::new(mode.f_hz, mode.theta_deg).map_err(Error::refused)?,
+                shaking: Shaking::new(mode.f_hz, mode.theta_deg).map_err(Error::usage)?,
                 seconds: sweep.seconds,
                 drive: sweep.drive,
                 step: sweep.step,

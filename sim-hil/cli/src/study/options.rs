@@ -26,7 +26,7 @@ pub(super) fn judged(table: &Table) -> Result<Table, Error> {
     let Some(first) = failures.first() else { return Ok(succeeded) };
     let (failed, all) = (failures.len(), table.rows.len());
     if failed == all {
-        return Err(Error::refused(format!("all {all} simulations failed, the first: {first}")));
+        return Err(Error::usage(format!("all {all} simulations failed, the first: {first}")));
     }
     complain(format!(
         "{failed} of {all} simulations failed and are left out of figures and verdicts; the table says why in its column failure. \
@@ -132,7 +132,7 @@ impl RunArgs {
 /// # Errors
 /// When the system refuses.
 pub fn listen() -> Result<Interrupt, Error> {
-    Interrupt::listen().map_err(|error| Error::refused(format!("cannot listen to Ctrl-C: {error}")))
+    Interrupt::listen().map_err(|error| Error::usage(format!("cannot listen to Ctrl-C: {error}")))
 }
 
 /// How the robot is walked in a study.
@@ -200,7 +200,7 @@ impl SweepArgs {
         let fastest = f64::from(MAXIMUM_FREQUENCY.get());
         let too_fast = self.frequencies.iter().find(|f| f.abs() > fastest);
         if let Some(f) = too_fast.filter(|_| self.drive == WalkDrive::Firmware) {
-            return Err(Error::refused(format!(
+            return Err(Error::usage(format!(
                 "--frequencies {f}: the firmware shakes at up to {fastest} Hz; take --drive ideal"
             )));
         }

@@ -143,7 +143,7 @@ type Kinds = Vec<(&'static str, Vec<Candidate>)>;
 /// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if args.sweep.run.shard != Shard::WHOLE {
-        return Err(Error::refused(
+        return Err(Error::usage(
             "select needs all walks: shard `study sensitivity` instead, then merge",
         ));
     }
@@ -153,7 +153,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         let mut run = args.sweep.run.clone();
         run.out = run.out.map(|folder| folder.join(name));
         let folder = run.folder(&sweep);
-        let table = run.run(&sweep)?.ok_or_else(|| Error::refused("not all walks are there"))?;
+        let table = run.run(&sweep)?.ok_or_else(|| Error::usage("not all walks are there"))?;
         Ok((cells(&table), folder))
     };
     let (mass, folder) = walked(Change::Mass, "mass")?;
@@ -197,7 +197,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             "none: no pair up to 35 Hz makes a mode".to_owned()
         }
         table => {
-            table.and_then(|table| table.save(&path)).map_err(Error::refused)?;
+            table.and_then(|table| table.save(&path)).map_err(Error::usage)?;
             path.display().to_string()
         }
     };
