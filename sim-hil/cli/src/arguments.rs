@@ -4,7 +4,6 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
-use flix_shell::number::parse_within;
 use flix_shell::time::duration;
 
 use super::error::Error;
@@ -134,14 +133,6 @@ pub fn parse_step(text: &str) -> Result<Duration, String> {
         return Err(format!("{text:?} is no step from 1us to 5ms"));
     }
     Ok(step)
-}
-
-/// Reads a heading from -360 to 360 degrees.
-///
-/// # Errors
-/// When it is no such angle.
-pub fn parse_heading(text: &str) -> Result<f64, String> {
-    parse_within(text, -360.0..=360.0, "heading", " degrees")
 }
 
 #[cfg(test)]

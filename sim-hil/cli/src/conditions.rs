@@ -1,6 +1,6 @@
 //! The conditions of a closed-loop run, as options.
 
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -27,15 +27,11 @@ pub struct LoopArgs {
     #[arg(long, value_name = "TIME", default_value = "20ms", value_parser = parse_time)]
     pub latency: Duration,
     /// Share of datagrams lost, each way, 0 to 0.9
-    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = parse_loss)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = within(0.0..=0.9, "share", ""))]
     pub loss: f64,
     /// Seed of everything random
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
-}
-
-fn parse_loss(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.0..=0.9, "share", "")
 }
 
 impl LoopArgs {

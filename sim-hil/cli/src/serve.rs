@@ -16,7 +16,7 @@ use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
 use flix_protocol::message::OperatorName;
 use flix_protocol::session::{Operator, Operators};
 use flix_protocol::units::Instant;
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 use flix_shell::stream::StreamArgs;
 
 use super::arguments::ModelArgs;
@@ -55,7 +55,7 @@ pub struct Args {
     #[arg(long, value_name = "ADDR:PORT", value_parser = natnet_address, num_args = 0..=1, default_missing_value = NATNET_DEFAULT)]
     natnet: Option<SocketAddrV4>,
     /// Pictures that the cameras take a second, 1 to 1000
-    #[arg(long, value_name = "HZ", default_value_t = 100.0, value_parser = pose_rate, requires = "natnet")]
+    #[arg(long, value_name = "HZ", default_value_t = 100.0, value_parser = within(1.0..=1000.0, "rate", " Hz"), requires = "natnet")]
     pose_rate: f64,
     #[command(flatten)]
     stream: StreamArgs,
@@ -92,10 +92,6 @@ fn listen_address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| {
         format!("\"{text}\" is no ADDRESS:PORT: write 0.0.0.0:{DEFAULT_PORT} for every network of this computer")
     })
-}
-
-fn pose_rate(text: &str) -> Result<f64, String> {
-    parse_within(text, 1.0..=1000.0, "rate", " Hz")
 }
 
 fn natnet_address(text: &str) -> Result<SocketAddrV4, String> {

@@ -1,6 +1,6 @@
 //! `flix-sim soak`: hours of random commands, faults and link trouble, in virtual time.
 
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -20,7 +20,7 @@ use flix_sim::reliability::soak::{GROWTH_LIMIT, Verdict, measure};
 )]
 pub struct Args {
     /// Virtual time of all robots together, hours; a minute to a year
-    #[arg(long, default_value_t = 1.0, value_parser = parse_hours)]
+    #[arg(long, default_value_t = 1.0, value_parser = within(0.0167..=8_760.0, "number of hours", ""))]
     hours: f64,
     /// Seed of the robots and of what happens to them
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
@@ -28,10 +28,6 @@ pub struct Args {
     /// Print JSON only
     #[arg(long)]
     json: bool,
-}
-
-fn parse_hours(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.0167..=8_760.0, "number of hours", "")
 }
 
 /// The verdict with the time that it took.

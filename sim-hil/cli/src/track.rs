@@ -13,9 +13,10 @@ use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::{Recorder, Run};
 use flix_plot::Figure;
 use flix_shell::course::{CourseArgs, describe, facts, results, row};
+use flix_shell::number::within;
 use serde::Serialize;
 
-use super::arguments::{parse_heading, parse_time};
+use super::arguments::parse_time;
 use super::conditions::{LoopArgs, description};
 use super::error::Error;
 use super::output::{optional_path_as_text, path_as_text, print, progress};
@@ -42,7 +43,7 @@ pub struct Args {
     #[command(flatten)]
     conditions: LoopArgs,
     /// Heading at the start, degrees to the left of the path
-    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = parse_heading)]
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = within(-360.0..=360.0, "heading", " degrees"))]
     heading: f64,
     /// Robot's time after which the run is given up
     #[arg(long, value_name = "TIME", default_value = "1h", value_parser = parse_time)]

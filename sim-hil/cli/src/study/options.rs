@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::MAXIMUM_FREQUENCY;
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 
 use crate::arguments::{PaperModelArgs, parse_step, parse_time};
 use crate::error::Error;
@@ -157,13 +157,13 @@ pub struct SweepArgs {
     #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_step)]
     pub step: Duration,
     /// Scatter every number of the model by this share, anew for each seed, for example 0.02
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = parse_scatter)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = within(0.0..=0.2, "share", ""))]
     pub scatter: f64,
     /// Frequencies of the grid, Hz, -120 to 120; above 35 with the ideal drive [default: -35,-30,-20,-10,10,20,30,35]
-    #[arg(long, value_name = "HZ", value_delimiter = ',', allow_hyphen_values = true, value_parser = parse_frequency)]
+    #[arg(long, value_name = "HZ", value_delimiter = ',', allow_hyphen_values = true, value_parser = within(-Shaking::FASTEST_HZ..=Shaking::FASTEST_HZ, "frequency", " Hz"))]
     pub frequencies: Vec<f64>,
     /// Directions of the grid, degrees, -90 to 90 [default: -90,-60,-30,0,30,60,90]
-    #[arg(long, value_name = "DEG", value_delimiter = ',', allow_hyphen_values = true, value_parser = parse_direction)]
+    #[arg(long, value_name = "DEG", value_delimiter = ',', allow_hyphen_values = true, value_parser = within(-90.0..=90.0, "direction", " degrees"))]
     pub directions: Vec<f64>,
     /// Read f and theta as the paper's equations state them (left, counter-clockwise), not its text
     #[arg(long)]
@@ -174,19 +174,6 @@ pub struct SweepArgs {
     /// Folder and slice.
     #[command(flatten)]
     pub run: RunArgs,
-}
-
-fn parse_frequency(text: &str) -> Result<f64, String> {
-    parse_within(text, -Shaking::FASTEST_HZ..=Shaking::FASTEST_HZ, "frequency", " Hz")
-}
-
-fn parse_direction(text: &str) -> Result<f64, String> {
-    parse_within(text, -90.0..=90.0, "direction", " degrees")
-}
-
-/// A share by which numbers may scatter.
-pub(super) fn parse_scatter(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.0..=0.2, "share", "")
 }
 
 impl SweepArgs {
