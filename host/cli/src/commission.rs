@@ -66,11 +66,6 @@ enum Found {
     InVoltageMode(Latency),
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the robot cannot be reached, refuses, has a fault, or a motor does not behave like one; its settings are as before
-/// then, unless the link is lost or the program interrupted.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;

@@ -100,10 +100,6 @@ pub struct Args {
     files: FileArgs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When something is missing, or the run ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if let Some(file) = &args.grid.grid {
         return walk_grid(args, file);

@@ -21,9 +21,6 @@ pub struct ModelArgs {
 
 impl ModelArgs {
     /// Reads and checks it.
-    ///
-    /// # Errors
-    /// When it is missing or refused; the sentence names key, value and range.
     pub fn load(&self) -> Result<RobotModel, ModelError> {
         RobotModel::named(&self.model)
     }
@@ -40,9 +37,6 @@ pub struct PaperModelArgs {
 
 impl PaperModelArgs {
     /// Reads and checks it.
-    ///
-    /// # Errors
-    /// As [`ModelArgs::load`].
     pub fn load(&self) -> Result<RobotModel, ModelError> {
         RobotModel::named(&self.model)
     }
@@ -61,9 +55,6 @@ pub struct SetpointArgs {
 
 impl SetpointArgs {
     /// Checks them.
-    ///
-    /// # Errors
-    /// When one is not a number or out of range; the sentence names the range.
     pub fn check(self) -> Result<Setpoint, Error> {
         setpoint(self.frequency.into(), self.direction.into()).map_err(|error| {
             Error::usage(format_args!(
@@ -99,9 +90,6 @@ impl FromStr for Vector {
 }
 
 /// Parses one of the four legs, as its index in [`LEGS`].
-///
-/// # Errors
-/// When there is no such leg.
 pub fn parse_leg(text: &str) -> Result<usize, String> {
     LEGS.iter()
         .position(|leg| *leg == text)
@@ -109,9 +97,6 @@ pub fn parse_leg(text: &str) -> Result<usize, String> {
 }
 
 /// Reads a time above 0 and up to a day: `50us`, `0.1ms`, `8s`, `10m`, or a plain number of seconds.
-///
-/// # Errors
-/// When it is no such time.
 pub fn parse_time(text: &str) -> Result<Duration, String> {
     const LONGEST: Duration = Duration::from_secs(86_400);
     let time = duration(text)?;
@@ -122,9 +107,6 @@ pub fn parse_time(text: &str) -> Result<Duration, String> {
 }
 
 /// Reads the step of a simulation: a time from 1 us to 5 ms. Beyond, the contact of a foot diverges.
-///
-/// # Errors
-/// When it is no such time.
 pub fn parse_step(text: &str) -> Result<Duration, String> {
     const SHORTEST: Duration = Duration::from_micros(1);
     const LONGEST: Duration = Duration::from_millis(5);

@@ -36,9 +36,6 @@ pub struct LoopArgs {
 
 impl LoopArgs {
     /// Returns the mode table.
-    ///
-    /// # Errors
-    /// When there is none for this model, or the file is no table.
     pub fn table(&self) -> Result<ModeTable, Error> {
         match &self.modes {
             Some(file) => ModeTable::load(file)
@@ -48,9 +45,6 @@ impl LoopArgs {
     }
 
     /// Returns the conditions, with the robot at `start`.
-    ///
-    /// # Errors
-    /// When the model is refused or cannot walk.
     pub fn conditions(&self, start: PlanarPose) -> Result<Conditions, Error> {
         let model = self.model.load()?;
         require_walker(&model)?;
@@ -58,7 +52,6 @@ impl LoopArgs {
     }
 
     /// Returns the conditions as facts of a record.
-    #[must_use]
     pub fn facts(&self) -> BTreeMap<String, String> {
         BTreeMap::from([
             ("model".into(), self.model.model.clone()),
@@ -70,7 +63,6 @@ impl LoopArgs {
 }
 
 /// Describes a simulated run for its record.
-#[must_use]
 pub fn description(name: &str, settings: BTreeMap<String, String>) -> RunDescription {
     RunDescription {
         name: name.to_owned(),

@@ -25,10 +25,6 @@ pub struct Args {
     measure: MeasureArgs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When a robot could not be brought to run while all was well.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let wanted = |case: &Case| case.name.contains(&args.only);
     if !CASES.iter().any(wanted) {

@@ -71,10 +71,6 @@ struct Report {
     record: PathBuf,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When model or table is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = Task::Reach { point: Position::ORIGIN, stay: true };
     let repertoire = args.steering.repertoire(|| args.conditions.table())?;

@@ -30,10 +30,6 @@ pub struct Args {
     out: PathBuf,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let conditions = args.conditions.conditions(PlanarPose::default())?;
     let (identification, names) = args.identification.identification()?;

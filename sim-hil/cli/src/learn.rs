@@ -35,10 +35,6 @@ pub struct Args {
     out: PathBuf,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused or cannot walk, or the file cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let failed = Error::write(&args.out);
     flix_host::system::file::check_writable(&args.out).map_err(&failed)?;

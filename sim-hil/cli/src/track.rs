@@ -107,10 +107,6 @@ pub struct Report {
     pub replay: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the path, model or table is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let report = follow(args)?;
     print(&if args.json {
@@ -122,9 +118,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 /// Walks to the end and writes record, pictures and replay.
-///
-/// # Errors
-/// When the path, model or table is refused, the simulation diverges, or files cannot be written.
 pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let path = args.course.path()?;
     let task = Task::Follow { path: path.clone(), laps: args.course.laps };

@@ -80,10 +80,6 @@ struct Report {
     fallen: usize,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When f or theta is out of range, the model is refused, or a walk fails.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let setpoint = args.setpoint.check()?;

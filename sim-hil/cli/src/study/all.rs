@@ -41,9 +41,6 @@ const STUDIES: [(&str, bool); 7] = [
 ];
 
 /// Runs every study by `run`, which takes one of the commands `C`.
-///
-/// # Errors
-/// Of the first study that fails.
 pub(super) fn run<C: Subcommand>(
     args: &Args,
     run: impl Fn(&C) -> Result<ExitCode, Error>,

@@ -48,10 +48,6 @@ struct Report {
     pass: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, a run fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     require_walker(&model)?;

@@ -74,10 +74,6 @@ struct Report {
     truth: Option<Stiffness>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model or the table is refused, or the leg cannot bear the load.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setup = Setup {
         gravity: args.gravity,

@@ -81,10 +81,6 @@ impl PairRow {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.sweep.model()?;
     let variants = vec![Variant { name: "baseline".to_owned(), model }];

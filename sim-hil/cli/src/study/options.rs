@@ -18,9 +18,6 @@ use flix_study::sweep::{Sweep, Variant, grid_of};
 use flix_study::{Earlier, Options, figure};
 
 /// Returns the rows of a study's table that can be judged, and says which simulations failed.
-///
-/// # Errors
-/// When all of them failed.
 pub(super) fn judged(table: &Table) -> Result<Table, Error> {
     let (succeeded, failures) = table.succeeded();
     let Some(first) = failures.first() else { return Ok(succeeded) };
@@ -66,7 +63,6 @@ pub struct RunArgs {
 
 impl RunArgs {
     /// Returns where this study is kept, by default below `root`.
-    #[must_use]
     pub fn folder_below(&self, root: &Path, study: &dyn Study) -> PathBuf {
         self.out.clone().unwrap_or_else(|| {
             // The hash distinguishes what the label does not.
@@ -77,15 +73,11 @@ impl RunArgs {
     }
 
     /// Returns where a study of the paper's is kept.
-    #[must_use]
     pub fn folder(&self, study: &dyn Study) -> PathBuf {
         self.folder_below(&Path::new("out/study").join(study.name()), study)
     }
 
     /// Computes what is missing of the slice.
-    ///
-    /// # Errors
-    /// When the study did not end; finished cells are kept.
     pub fn compute(&self, study: &dyn Study, folder: &Path) -> Result<Table, Error> {
         let options = Options {
             folder: folder.to_owned(),
@@ -113,9 +105,6 @@ impl RunArgs {
     }
 
     /// Computes what is missing of the slice. None, after saying what is next, when that is not the whole.
-    ///
-    /// # Errors
-    /// When the study did not end; finished cells are kept.
     pub fn run(&self, study: &dyn Study) -> Result<Option<Table>, Error> {
         let folder = self.folder(study);
         let table = self.compute(study, &folder)?;
@@ -128,9 +117,6 @@ impl RunArgs {
 }
 
 /// Listens for Ctrl-C.
-///
-/// # Errors
-/// When the system refuses.
 pub fn listen() -> Result<Interrupt, Error> {
     Interrupt::listen().map_err(|error| Error::usage(format!("cannot listen to Ctrl-C: {error}")))
 }
@@ -178,9 +164,6 @@ pub struct SweepArgs {
 
 impl SweepArgs {
     /// Returns the model, which has to walk as the options ask.
-    ///
-    /// # Errors
-    /// When it is refused or has no legs, or the firmware is to shake faster than it can.
     pub fn model(&self) -> Result<RobotModel, Error> {
         let model = self.model.load()?;
         require_walker(&model)?;
@@ -195,7 +178,6 @@ impl SweepArgs {
     }
 
     /// Returns the pairs of the grid.
-    #[must_use]
     pub fn grid(&self) -> Vec<(f64, f64)> {
         let or = |given: &[f64], usual: &[f64]| {
             if given.is_empty() { usual.to_vec() } else { given.to_vec() }
@@ -204,7 +186,6 @@ impl SweepArgs {
     }
 
     /// Returns the walks of these variants.
-    #[must_use]
     pub fn sweep(
         &self,
         name: &'static str,

@@ -133,10 +133,6 @@ struct Report {
 
 type Kinds = Vec<(&'static str, Vec<Candidate>)>;
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if args.sweep.run.shard != Shard::WHOLE {
         return Err(Error::usage(

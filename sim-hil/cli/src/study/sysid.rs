@@ -48,10 +48,6 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the plan or a file is refused, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.data {
         Some(folder) => one(args, folder),
