@@ -14,19 +14,21 @@ use flix_protocol::message::{
 };
 use flix_protocol::units::Instant;
 use flix_sim::model::Electrical;
-use flix_sim::reliability::commission::{CURRENT_LIMIT_A, commission_unknown, measure};
+use flix_sim::reliability::commission::{CURRENT_LIMIT_A, motors, voltage_mode, wiring_faults};
 use flix_sim::reliability::unknown_motors::{Watched, motor_values, rotor_inertia, unknown_motors};
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::operation::OperationError;
 use flix_sim::rig::simulated::Disturbance;
+use flix_sim::study::compute;
 
 #[test]
 fn a_robot_of_unknown_motors_finds_its_own_values_and_names_what_is_wired_wrongly() {
-    let measured = measure(1, 1, None, || {}).unwrap();
-    assert!(measured.pass, "{measured:?}");
-    assert_eq!(measured.voltage_mode.refused_assumed, 1);
-    let wiring = &measured.wiring_faults;
-    assert!(wiring.kinds.len() > 22 && wiring.tried == wiring.kinds.len(), "{wiring:?}");
+    for (rows, study) in
+        [(1, motors(&[1], 0.01)), (1, voltage_mode(&[1], 0.01)), (25, wiring_faults(&[1]))]
+    {
+        let table = compute(&study);
+        assert!(table.pass() && table.rows.len() == rows, "{table:?}");
+    }
 }
 
 /// The encoders are on each other's motors.
@@ -362,13 +364,13 @@ fn a_trial_that_broke_off_in_silence_is_done_again_and_never_taken_for_a_motor()
 #[test]
 fn motors_of_a_tenth_of_an_ohm_carry_no_more_than_2_a() {
     for seed in [7032, 7039, 13] {
-        let robot = commission_unknown(seed, None).unwrap();
-        assert!(robot.drawn.resistance < 0.12 && robot.passes(), "{robot:?}");
+        let robot = compute(&motors(&[seed], 0.01));
+        assert!(robot.numbers("resistance_ohm")[0] < 0.12 && robot.pass(), "{robot:?}");
     }
 }
 
 #[test]
 fn a_robot_whose_trial_runs_lose_the_lock_with_one_position_loop_is_found_with_the_other() {
-    let robot = commission_unknown(7006, None).unwrap();
-    assert!(robot.passes(), "{robot:?}");
+    let robot = compute(&motors(&[7006], 0.01));
+    assert!(robot.pass(), "{robot:?}");
 }

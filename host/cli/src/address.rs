@@ -63,16 +63,12 @@ impl Known {
 
 impl RobotArgs {
     /// Names a robot; without a name it is that of the environment, or the simulated one.
-    #[must_use]
     pub fn new(robot: Option<String>, key: Option<PathBuf>) -> Self {
         let robot = robot.or_else(|| std::env::var(ROBOT_VARIABLE).ok());
         Self { robot: robot.unwrap_or_else(|| SIMULATED_ROBOT.to_owned()), key }
     }
 
     /// Finds the robot and its key, and connects.
-    ///
-    /// # Errors
-    /// When there is no usable key (usage), no robot answers, or the robot refuses.
     pub fn connect(&self, interrupt: &Interrupt) -> Result<Connection, Error> {
         let mut connection = self.begin(interrupt)?;
         waiting(format_args!("{} to answer", self.robot), || connection.wait_until_connected())?;
@@ -80,18 +76,12 @@ impl RobotArgs {
     }
 
     /// Finds the robot and its key, and begins to connect.
-    ///
-    /// # Errors
-    /// When there is no usable key (usage), or no such robot is found.
     pub fn begin(&self, interrupt: &Interrupt) -> Result<Connection, Error> {
         let (address, key) = self.find(interrupt)?;
         Ok(Connection::open(address, key, interrupt.clone())?)
     }
 
     /// Finds the robot and its key.
-    ///
-    /// # Errors
-    /// As for [`RobotArgs::begin`].
     pub fn find(&self, interrupt: &Interrupt) -> Result<(SocketAddr, Key), Error> {
         let keyring = Keyring::of_user()?;
         let (address, known) = self.locate(&keyring, interrupt)?;
@@ -107,9 +97,6 @@ impl RobotArgs {
     }
 
     /// Finds the robot and stops it, by both of its keys at once where it is not known which it has.
-    ///
-    /// # Errors
-    /// As for [`RobotArgs::begin`] and [`udp::stop`].
     pub fn stop(&self, interrupt: &Interrupt) -> Result<(), Error> {
         let keyring = Keyring::of_user()?;
         split_port(&self.robot).map_err(Error::usage)?;

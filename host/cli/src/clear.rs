@@ -18,9 +18,6 @@ pub struct Args {
 }
 
 /// Clears, and waits until the robot reports it.
-///
-/// # Errors
-/// When the robot cannot be reached, or the cause of a fault is still there.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let asked = Instant::now();
     let interrupt = Interrupt::listen().map_err(Error::usage)?;

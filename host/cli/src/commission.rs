@@ -14,7 +14,7 @@ use flix_host::commission::{CommissionError, Commissioned, Known, Motor, Step, c
 use flix_host::link::{LinkError, RobotLink};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
-use flix_shell::number::parse_within;
+use flix_shell::number::within;
 use flix_shell::output::{headings, print, print_json, table};
 use flix_shell::{Error, Exit};
 
@@ -39,10 +39,10 @@ pub struct Args {
     robot: RobotArgs,
     /// Battery voltage by a voltmeter, the robot at rest, 5 to 30 V: it corrects the divider, or stands for the battery
     /// where there is none.
-    #[arg(long, value_name = "V", value_parser = battery)]
+    #[arg(long, value_name = "V", value_parser = within(5.0..=30.0, "voltage", " V"))]
     battery: Option<f64>,
     /// Inertia of one rotor about its shaft, mass and bell, 1 to 10000 g cm2 [default: the setting rotor_inertia].
-    #[arg(long, value_name = "G_CM2", value_parser = inertia)]
+    #[arg(long, value_name = "G_CM2", value_parser = within(1.0..=10_000.0, "inertia", " g cm2"))]
     inertia: Option<f64>,
     /// Store the settings; otherwise they are in force until power-off.
     #[arg(long)]
@@ -50,14 +50,6 @@ pub struct Args {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-}
-
-fn battery(text: &str) -> Result<f64, String> {
-    parse_within(text, 5.0..=30.0, "voltage", " V")
-}
-
-fn inertia(text: &str) -> Result<f64, String> {
-    parse_within(text, 1.0..=10_000.0, "inertia", " g cm2")
 }
 
 #[derive(Debug, Serialize)]
@@ -74,11 +66,6 @@ enum Found {
     InVoltageMode(Latency),
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the robot cannot be reached, refuses, has a fault, or a motor does not behave like one; its settings are as before
-/// then, unless the link is lost or the program interrupted.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;

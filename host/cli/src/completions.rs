@@ -18,9 +18,6 @@ pub struct Args {
 }
 
 /// Prints the script.
-///
-/// # Errors
-/// When stdout cannot be written.
 pub fn run(args: &Args, program: clap::Command) -> Result<ExitCode, Error> {
     completions::write(args.shell, program)?;
     Ok(Exit::Done.into())

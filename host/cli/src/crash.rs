@@ -38,10 +38,6 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the ELF file cannot be read or is of another build, the robot cannot be reached, or there was no accident.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let elf = args.elf.as_deref().map(|path| Ok::<_, Error>((path, read(path)?))).transpose()?;
     let symbols = match &elf {
@@ -80,9 +76,6 @@ fn read(path: &Path) -> Result<Vec<u8>, Error> {
 }
 
 /// Asks a connected robot what it kept.
-///
-/// # Errors
-/// When it does not answer.
 pub(super) fn ask(connection: &mut Connection) -> Result<Option<CrashReport>, LinkError> {
     match connection.ask(Command::Crash)? {
         Outcome::Crash(report) => Ok(report),

@@ -27,10 +27,6 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When multicast does not work here (usage), or no robot was found (no answer).
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let keyring = Keyring::of_user()?;

@@ -82,10 +82,6 @@ impl Finding {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When a check found a problem; all results were printed by then.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut findings = look_at_robot(&args.robot, &interrupt);

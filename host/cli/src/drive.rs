@@ -77,9 +77,6 @@ pub struct Args {
 }
 
 /// Parses a shaking frequency.
-///
-/// # Errors
-/// With a sentence, when it is none or out of range.
 pub fn frequency(text: &str) -> Result<Hertz, String> {
     let check =
         |value| Hertz::new(value).and_then(|it| Setpoint::new(it, Degrees::ZERO).map(|_| it));
@@ -92,9 +89,6 @@ pub fn frequency(text: &str) -> Result<Hertz, String> {
 }
 
 /// Parses a shaking direction.
-///
-/// # Errors
-/// As [`frequency`].
 pub fn direction(text: &str) -> Result<Degrees, String> {
     let check =
         |value| Degrees::new(value).and_then(|it| Setpoint::new(Hertz::ZERO, it).map(|_| it));
@@ -124,11 +118,7 @@ fn parse<T>(
     })
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the robot cannot be reached, refuses, has a fault, or the program is interrupted; the robot
-/// is stopped then.
+/// Drives until interrupted or until an error, and then stops the robot.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setpoint = Setpoint::new(args.frequency, args.direction).map_err(Error::usage)?;
     if args.no_record && args.stream.is_asked_for() {

@@ -36,10 +36,6 @@ pub struct Args {
     files: FileArgs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When something is missing, or the run ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = Task::Reach { point: args.to, stay: args.stay };
     let settings = args.steering.settings(&task);

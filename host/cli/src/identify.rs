@@ -17,7 +17,7 @@ use flix_host::experiment::{Sheet, walks};
 use flix_host::nav::{Identification, IdentificationSettings, ModeTable};
 use flix_host::pilot::{Pilot, Recorded};
 use flix_shell::identification::{IdentificationArgs, describe};
-use flix_shell::number::parse_within;
+use flix_shell::number::within;
 use flix_shell::output::print;
 use flix_shell::{Error, Exit};
 
@@ -53,7 +53,7 @@ fn direction(text: &str) -> Result<f32, String> {
 }
 
 fn volts(text: &str) -> Result<f32, String> {
-    parse_within(text, 0.0..=60.0, "voltage", " V").map(|volts| volts as f32)
+    within(0.0..=60.0, "voltage", " V")(text).map(|volts| volts as f32)
 }
 
 impl GridArgs {
@@ -100,10 +100,6 @@ pub struct Args {
     files: FileArgs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When something is missing, or the run ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if let Some(file) = &args.grid.grid {
         return walk_grid(args, file);

@@ -27,9 +27,6 @@ pub struct Args {
 }
 
 /// Makes the key and prints its path.
-///
-/// # Errors
-/// When the file exists already or cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let key = keys::generate()?;
     let path = match (&args.robot, &args.file) {

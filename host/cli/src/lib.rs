@@ -3,33 +3,33 @@
 //!
 //! A failure has an exit code ([`Exit::ALL`]) and one sentence on stderr that says what to do. With `--json`, stdout carries JSON only.
 
-pub mod address;
+mod address;
 pub mod by_hand;
-pub mod clear;
+mod clear;
 pub mod cockpit;
-pub mod commission;
-pub mod completions;
-pub mod crash;
-pub mod discover;
-pub mod doctor;
-pub mod drive;
-pub mod experiment;
-pub mod home;
-pub mod identify;
-pub mod keygen;
-pub mod link_test;
-pub mod man;
+mod commission;
+mod completions;
+mod crash;
+mod discover;
+mod doctor;
+mod drive;
+mod experiment;
+mod home;
+mod identify;
+mod keygen;
+mod link_test;
+mod man;
 mod moved;
-pub mod parameters;
-pub mod provision;
-pub mod run;
-pub mod runs;
-pub mod scope;
-pub mod status;
-pub mod stop;
+mod parameters;
+mod provision;
+mod run;
+mod runs;
+mod scope;
+mod status;
+mod stop;
 mod symbols;
 pub mod teleop;
-pub mod track;
+mod track;
 
 use std::process::ExitCode;
 

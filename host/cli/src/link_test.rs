@@ -65,10 +65,6 @@ struct RoundTrip {
     maximum: Option<f64>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the robot cannot be reached.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;

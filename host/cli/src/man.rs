@@ -7,9 +7,6 @@ pub use flix_shell::man::Args;
 use flix_shell::{Error, Exit};
 
 /// Writes the pages of `flix`.
-///
-/// # Errors
-/// When they cannot be written.
 pub fn run(args: &Args, program: clap::Command) -> Result<ExitCode, Error> {
     flix_shell::man::write(program, &args.folder)?;
     Ok(Exit::Done.into())

@@ -119,10 +119,6 @@ impl FromStr for Network {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When a value cannot be used, the port cannot be opened, or the robot does not answer or refuses.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let robot = SerialRobot::open(&args.port, interrupt)?;

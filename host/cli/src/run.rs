@@ -136,7 +136,6 @@ fn server(text: &str) -> Result<SocketAddrV4, String> {
 
 impl PoseArgs {
     /// Returns the settings of a source of NatNet.
-    #[must_use]
     pub fn settings(&self) -> NatNetSettings {
         let server = self.natnet_server.unwrap_or(LOCAL_SERVER);
         let own =
@@ -151,9 +150,6 @@ impl PoseArgs {
     }
 
     /// Connects to the source, if --pose names one.
-    ///
-    /// # Errors
-    /// As for [`PoseArgs::open`], and when options of a source are given without one.
     pub fn open_if_named(&self) -> Result<Option<Poses>, Error> {
         match (self.pose, self.given()) {
             (Some(_), _) => self.open().map(Some),
@@ -175,9 +171,6 @@ impl PoseArgs {
     }
 
     /// Connects to the source.
-    ///
-    /// # Errors
-    /// When there is no stream, or an option is for another source; the message says what to change.
     pub fn open(&self) -> Result<Poses, Error> {
         if let (Some(PoseKind::Udp(..)), Some(option)) = (self.pose, self.given_for_natnet()) {
             return Err(Error::usage(format_args!("{option} is for --pose natnet alone")));
@@ -231,9 +224,6 @@ pub struct Run {
 
 impl Run {
     /// Connects to the pose source, then to the robot.
-    ///
-    /// # Errors
-    /// When either is missing.
     pub fn open(robot: &RobotArgs, poses: &PoseArgs) -> Result<Self, Error> {
         let interrupt = Interrupt::listen().map_err(Error::usage)?;
         let source = poses.open()?;
@@ -242,17 +232,13 @@ impl Run {
     }
 
     /// Accepts poses of any height: the robot hangs.
-    #[must_use]
     pub fn above_the_floor(mut self) -> Self {
         self.heights.is_over = true;
         self
     }
 
     /// Drives to the end of the run. Returns the ending and the duration of driving, s. `message` is
-    /// the text of the progress bar.
-    ///
-    /// # Errors
-    /// When the network or the pose source fails; the robot is stopped then.
+    /// the text of the progress bar. Stops the robot before it returns an error.
     pub fn drive<H: Helm>(
         &mut self,
         pilot: &mut Pilot<H>,
@@ -263,9 +249,6 @@ impl Run {
 
     /// Drives as [`Self::drive`], and offers the helm to `keep` after every step; why it could not keep something ends
     /// the run.
-    ///
-    /// # Errors
-    /// As for [`Self::drive`].
     pub fn drive_keeping<H: Helm>(
         &mut self,
         pilot: &mut Pilot<H>,
@@ -308,9 +291,6 @@ impl Run {
     }
 
     /// Begins the record of the run, and its stream where one is asked for.
-    ///
-    /// # Errors
-    /// As for [`record`], and when the stream's address cannot be had.
     pub fn record(
         &mut self,
         args: &RecordArgs,
@@ -324,16 +304,12 @@ impl Run {
     }
 
     /// Returns the time of the run, which starts with the connection.
-    #[must_use]
     pub fn now(&self) -> Instant {
         self.connection.now()
     }
 }
 
 /// Begins a record with the clock of a connection. `poses`: the name of their source, if there is one.
-///
-/// # Errors
-/// When the robot does not answer, or the file cannot be made.
 pub fn record(
     out: &Path,
     connection: &mut Connection,
@@ -363,9 +339,6 @@ pub fn record(
 }
 
 /// Returns an error for a run that did not finish.
-///
-/// # Errors
-/// For every ending except [`Ending::Finished`].
 pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
     let exit = match ending {
         Ending::Finished => return Ok(()),
@@ -394,9 +367,6 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
 
 /// Returns an error for a record that is not complete, unless the run may go on without one: the
 /// results were printed, and the trouble was reported when it arose.
-///
-/// # Errors
-/// When the record is not complete.
 pub fn unrecorded(error: Option<RecordError>, is_allowed: bool) -> Result<(), Error> {
     match error {
         Some(error) if !is_allowed => Err(error.into()),

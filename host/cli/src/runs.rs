@@ -78,10 +78,6 @@ enum Action {
     },
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When a record is missing, cannot be read, or its figures and tables cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.action {
         Action::List { json } => list_runs(&args.out, *json)?,

@@ -40,10 +40,6 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the robot cannot be reached.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;
@@ -155,9 +151,6 @@ struct End {
 }
 
 /// Requests the state of a connected robot.
-///
-/// # Errors
-/// When it does not answer.
 pub fn ask(connection: &mut Connection) -> Result<Status, LinkError> {
     let Outcome::Identity(identity) = connection.ask(Command::Identify)? else {
         return Err(LinkError::OtherAnswer);
@@ -175,7 +168,6 @@ pub fn ask(connection: &mut Connection) -> Result<Status, LinkError> {
 
 impl Status {
     /// Returns the robot with its board and firmware.
-    #[must_use]
     pub fn robot_line(&self) -> String {
         let Robot { name, board, version, .. } = &self.robot;
         format!("{name} on {board}, firmware {version}")

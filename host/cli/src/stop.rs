@@ -19,9 +19,6 @@ pub struct Args {
 }
 
 /// Stops, and waits until the rotors are at rest.
-///
-/// # Errors
-/// When the robot cannot be reached, refuses this key, or does not come to rest.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     args.robot.stop(&interrupt)?;

@@ -47,9 +47,6 @@ pub struct Frame {
 
 impl<'elf> Symbols<'elf> {
     /// Reads an ELF file from its bytes. Never panics.
-    ///
-    /// # Errors
-    /// When it is no ELF file, or has no debug information that can be read.
     pub fn read(elf: &'elf [u8]) -> Result<Self, SymbolError> {
         let file = match File::parse(elf) {
             Ok(file @ (File::Elf32(_) | File::Elf64(_))) => file,
@@ -75,13 +72,11 @@ impl<'elf> Symbols<'elf> {
     }
 
     /// Returns which build of the firmware this is.
-    #[must_use]
     pub const fn build(&self) -> BuildId {
         self.build
     }
 
     /// Returns the functions at an address, those that were inlined first; at least one, which may have no name.
-    #[must_use]
     pub fn frames(&self, address: u32) -> Vec<Frame> {
         let mut frames = self.known_frames(address).unwrap_or_default();
         if frames.is_empty() {

@@ -43,10 +43,6 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When something is missing, or the run ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let path = args.course.path()?;
     let name = format!("track-{}", path.name());

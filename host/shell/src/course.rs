@@ -8,7 +8,7 @@ use std::time::Duration;
 use flix_protocol::message::Setpoint;
 
 use crate::Error;
-use crate::number::{in_unit, parse_within, whole};
+use crate::number::{in_unit, whole, within};
 use crate::output::{complain, read_text};
 use crate::suggestion::nearest;
 use flix_host::nav::{
@@ -53,7 +53,7 @@ pub struct CourseArgs {
     #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true)]
     pub at: Position,
     /// Angle by which the path is turned to the left, degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = parse_turned)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = within(-360.0..=360.0, "angle", " degrees"))]
     pub turned: f64,
     /// Distance from the path at which the run ends, mm.
     #[arg(long, value_name = "MM", default_value_t = 400.0, value_parser = error_limit)]
@@ -78,10 +78,6 @@ fn metres(text: &str) -> Result<f64, String> {
 
 fn error_limit(text: &str) -> Result<f64, String> {
     in_unit(text, "mm").map_err(|why| format!("the error limit: {why}"))
-}
-
-fn parse_turned(text: &str) -> Result<f64, String> {
-    parse_within(text, -360.0..=360.0, "angle", " degrees")
 }
 
 /// Options of steering.

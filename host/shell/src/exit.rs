@@ -20,6 +20,8 @@ use flix_protocol::session::ConnectError;
 pub enum Exit {
     /// The command is done.
     Done = 0,
+    /// The run failed, or a figure is outside its limit: of `flix-sim` alone.
+    Failed = 1,
     /// An option, a file or a value is wrong.
     Usage = 2,
     /// The robot did not answer, or fell silent.

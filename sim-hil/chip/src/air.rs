@@ -39,7 +39,6 @@ pub struct Air {
 
 impl Air {
     /// Returns what does not hold, in sentences.
-    #[must_use]
     pub fn failures(&self) -> Vec<String> {
         let held = self.flooded.failures().into_iter();
         let timing = loop_failures(self.missed, self.longest_gap_us);
@@ -48,9 +47,6 @@ impl Air {
 }
 
 /// Floods a provisioned robot, then takes its radio away and gives it back.
-///
-/// # Errors
-/// When the robot is not there again, or the emulation cannot go on.
 pub fn trouble(rig: &mut Rig, times: Times, seed: u64) -> Result<Air, RigError> {
     let current_limit = rig.setting("current_limit")?;
     rig.forget_seen();

@@ -25,7 +25,6 @@ pub struct Flood {
 
 impl Flood {
     /// Creates one whose bytes follow from the seed.
-    #[must_use]
     pub fn new(seed: u64) -> Self {
         Self { random: Xoshiro256PlusPlus::seed_from_u64(seed), next: 0, sent: 0 }
     }

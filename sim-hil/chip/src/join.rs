@@ -58,9 +58,6 @@ pub struct Join {
 }
 
 /// Tries all of it with a new robot, whose radio's library takes as long as it may.
-///
-/// # Errors
-/// When the robot does not do what it is asked, or the emulation cannot go on.
 pub fn try_all(rig: &mut Rig, is_quick: bool, progress: &dyn Fn(&str)) -> Result<Join, RigError> {
     let mut join = Join::default();
     for (name, scene) in SCENES {

@@ -112,9 +112,6 @@ struct Desk<'a> {
 }
 
 /// Makes the journey with a robot as it comes from the factory.
-///
-/// # Errors
-/// When the emulation or this computer gives up; what `flix` or the robot does wrong is in the journey's failures.
 pub fn travel(
     rig: Rig,
     flix: &Path,

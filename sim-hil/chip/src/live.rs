@@ -64,9 +64,6 @@ pub struct Watch {
 
 impl Watch {
     /// Waits for f (Hz) and theta (degrees).
-    ///
-    /// # Errors
-    /// When no robot can be asked for them.
     pub fn new(asked: (f64, f64), times: Times, current_limit_a: f64) -> Result<Self, RigError> {
         let setpoint =
             setpoint(asked.0, asked.1).map_err(|error| RigError::Fault(error.to_string()))?;
@@ -118,9 +115,6 @@ pub struct Live {
 
 impl Live {
     /// Gives a rig its ways out.
-    ///
-    /// # Errors
-    /// When there is no pseudo-terminal or no socket to be had.
     pub fn new(mut rig: Rig) -> std::io::Result<Self> {
         let Terminal { near: terminal, far: other_end, port } = Terminal::open()?;
         let mut modes = tcgetattr(&other_end)?;
@@ -147,13 +141,11 @@ impl Live {
     }
 
     /// Returns the robot's address.
-    #[must_use]
     pub fn address(&self) -> Ipv4Addr {
         self.rig.chip.network.lease.into()
     }
 
     /// Returns how fast the emulation was so far.
-    #[must_use]
     pub fn pace(&self) -> Pace {
         let wall = self.began.0.elapsed();
         let chip_s = (self.rig.chip.now() - self.began.1).as_secs_f64();
@@ -162,9 +154,6 @@ impl Live {
     }
 
     /// Goes on for some steps of the plant, and waits where the chip is ahead of the clock.
-    ///
-    /// # Errors
-    /// When the emulation cannot go on.
     pub fn advance(&mut self) -> Result<(), RigError> {
         let before = self.rig.chip.now();
         self.receive()?;

@@ -2,26 +2,38 @@
 //! Runs the robot's image on an emulated ESP32-C6 with the simulated robot at its pins, and says whether it does what it
 //! has to: `cargo xtask emulate` builds the image and calls this.
 
+mod air;
+mod flood;
+mod join;
+mod journey;
+mod live;
+mod pins;
+mod power;
+mod restart;
+mod rig;
+mod session;
+mod start;
+
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use crate::air::Air;
+use crate::join::Join;
+use crate::journey::{Journey, JourneyError, travel};
+use crate::live::Live;
+use crate::restart::Restart;
+use crate::rig::{Rig, RigError};
+use crate::session::{Battery, Report, Times, drive, magnet_failures};
+use crate::start::Start;
 use clap::{Parser, ValueEnum};
-use flix_chip::air::{self, Air};
-use flix_chip::join::{self, Join};
-use flix_chip::journey::{Journey, JourneyError, travel};
-use flix_chip::live::Live;
-use flix_chip::power;
-use flix_chip::restart::{self, Restart};
-use flix_chip::rig::{Rig, RigError};
-use flix_chip::session::{Battery, Hold, Report, Times, drive, magnet_failures};
-use flix_chip::start::{self, Start};
 use flix_esp32c6::chip::{ResetReason, Silicon};
 use flix_esp32c6::image::{Image, ImageError};
 use flix_esp32c6::marks::Memory;
 use flix_esp32c6::network::PASSPHRASE;
 use flix_firmware::board::EncoderKind;
+use flix_sim::study::lines;
 use serde::Serialize;
 
 /// Run an ESP32-C6 image on an emulated chip, with the simulated robot at its pins.
@@ -366,110 +378,11 @@ fn try_robot(cli: &Cli, rig: &mut Rig, verdict: &mut Verdict) -> Result<(), RigE
     Ok(())
 }
 
+/// Prints every figure by its key in the JSON, what does not hold, and the result.
 fn print(verdict: &Verdict, host: Duration) {
-    if let Some(report) = &verdict.session {
-        println!(
-            "    f        theta   f RMS    theta RMS  peak current            direct currents"
-        );
-        for hold in &report.hold {
-            print_hold(hold);
-        }
-        println!(
-            "PWM: {} Hz; shares (mean, lowest, highest): {:.3?}",
-            report.pwm_hz, report.shares
-        );
-        println!("missed ticks: {}; longest gap: {:.0} us", report.overruns, report.longest_gap_us);
-        println!(
-            "longest wait of the loop's interrupt: {:.1} us, let in by {}",
-            report.longest_wait_us, report.waited_at
-        );
-        println!(
-            "ticks begin {:.2?} us after a PWM period; their duties are set after {:.1?} us",
-            report.tick_phase_us, report.duties_after_us
-        );
-    }
-    if let Some(network) = &verdict.network {
-        println!(
-            "under {} forged datagrams, {:.0} instructions each:",
-            network.forged, network.instructions_each
-        );
-        print_hold(&network.flooded);
-        println!(
-            "armed {:.2} s after the radio was back; missed ticks: {}; longest gap: {:.0} us",
-            network.back_s, network.missed, network.longest_gap_us
-        );
-        let [half, most] = network.connect_ms;
-        println!("a session takes {half:.0} ms to open, 99 of 100 at most {most:.0} ms");
-    }
-    if let Some(join) = &verdict.join {
-        println!(
-            "connected after {:.2} s, an address {:.2} s later by {} messages; a silent radio is tried again after {:.1} s, \
-             made anew and connected after {:.1} s, {}",
-            join.connected_after_s,
-            join.address_after_s,
-            join.dhcp_messages,
-            join.retried_after_s,
-            join.renewed_after_s,
-            match join.restarted_after_s {
-                Some(seconds) => format!("restarted after {seconds:.1} s without the cable"),
-                None => "no restart tried".to_owned(),
-            }
-        );
-    }
-    for restart in verdict.restarts.iter().flatten() {
-        let seconds =
-            restart.seconds.map_or("never".to_owned(), |seconds| format!("{seconds:.2} s"));
-        println!(
-            "{:?} {}: again after {seconds}, because of {}",
-            restart.accident, restart.place, restart.reason
-        );
-    }
-    if let (Some(cuts), Some(lost)) = (verdict.flash_cuts, verdict.flash_lost) {
-        println!(
-            "power cuts in flash operations: {cuts}; robots that had neither old nor new: {lost}"
-        );
-    }
-    if let Some(journey) = &verdict.journey {
-        println!("the real `flix`, {} commands:", journey.steps.len());
-        journey.hold.iter().for_each(print_hold);
-        if let (Some(stopped), Some(pace)) = (journey.stopped_s, journey.pace) {
-            println!(
-                "rotors stopped within {stopped:.2} s; missed ticks: {}; longest gap: {:.0} us; \
-                 {:.1} s of the chip took {:.1} s, {:.2} s for each of computing",
-                journey.overruns,
-                journey.longest_gap_us,
-                pace.chip_s,
-                pace.wall_s,
-                pace.seconds_a_second
-            );
-        }
-    }
-    if let Some(Other { session, battery: Battery { said_v, true_v } }) = &verdict.other {
-        println!("with AS5047P encoders and a battery divider: {said_v:.2?} of {true_v:.2} V");
-        session.hold.iter().for_each(print_hold);
-    }
-    if let Some(memory) = &verdict.memory {
-        let Memory { stack, stack_left, heap, heap_left, .. } = memory;
-        println!(
-            "never used: {stack_left} of {stack} bytes of the main stack, {heap_left} of {heap} of the heap"
-        );
-    }
-    println!("{:.1} s", host.as_secs_f64());
+    println!("{}{:.1} s", lines(verdict), host.as_secs_f64());
     for failure in &verdict.failures {
         println!("FAILED: {failure}");
     }
     println!("{}", if verdict.pass { "pass" } else { "fail" });
-}
-
-fn print_hold(hold: &Hold) {
-    println!(
-        "{:6.1} Hz {:6.1} deg  {:.3} Hz {:.3} deg  {:.2} A of {:.2} A  d {:.3?} A",
-        hold.f_hz,
-        hold.theta_deg,
-        hold.f_rms_hz,
-        hold.theta_rms_deg,
-        hold.peak_current_a,
-        hold.current_limit_a,
-        hold.direct_currents_a
-    );
 }

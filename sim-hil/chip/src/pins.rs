@@ -66,7 +66,6 @@ impl Robot {
     ///
     /// # Panics
     /// Never: the model is one of the simulator's own, and is tested there.
-    #[must_use]
     pub fn new(kind: EncoderKind, seed: u64) -> Self {
         let model = RobotModel::named("W").and_then(|model| Plant::new(&model));
         let hardware = Hardware { actuation_delay_us: NO_DELAY_US, ..BOARD.hardware };
@@ -92,22 +91,17 @@ impl Robot {
     }
 
     /// Pins of the bridges' phases and of their enables: top, bottom.
-    #[must_use]
     pub fn bridge_pins() -> [([u32; 3], Option<u32>); 2] {
         BOARD.bridges.map(|bridge| (bridge.phases.map(u32::from), bridge.enable.map(u32::from)))
     }
 
     /// Returns the pin of the status light.
-    #[must_use]
     pub fn light_pin() -> u32 {
         BOARD.status_led.into()
     }
 
     /// Moves for [`STEP_CYCLES`] from `cycles` on, under what the pins do then: phases and enable of each bridge, `None`
     /// where nothing drives a pin. A bridge whose enable is not driven is off, as is an input that is not driven low.
-    ///
-    /// # Errors
-    /// When the mechanics diverge.
     pub fn step(
         &mut self,
         cycles: u64,
@@ -132,13 +126,11 @@ impl Robot {
     }
 
     /// Returns how the robot truly is, at the end of its last step, which was at `time`.
-    #[must_use]
     pub fn truth(&self, time: Instant) -> Truth {
         Truth::of(time, &self.plant, &self.electronics)
     }
 
     /// Returns the battery's voltage at the bridges, V.
-    #[must_use]
     pub fn bus_voltage(&self) -> f64 {
         self.electronics.battery().bus_voltage()
     }

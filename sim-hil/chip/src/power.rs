@@ -168,9 +168,6 @@ impl Subject<'_> {
 }
 
 /// Cuts power in every `stride`-th flash operation, or in those until the first failure alone. `progress` is given a line before each cut.
-///
-/// # Errors
-/// When the robot does not do without cuts what is then cut.
 pub fn cut_all(
     image: &Image,
     encoder: EncoderKind,

@@ -64,9 +64,6 @@ const CASES: [(Accident, Place, &str, &str); 7] = [
 
 /// Lets everything go wrong, one after the other. `rig` is provisioned and runs; it is armed for each that happens in a
 /// running robot.
-///
-/// # Errors
-/// When the robot cannot be brought to where it shall happen.
 pub fn try_all(rig: &mut Rig, progress: &dyn Fn(&str)) -> Result<Vec<Restart>, RigError> {
     CASES
         .into_iter()

@@ -138,7 +138,6 @@ fn strongest_dbm() -> i32 {
 
 impl Rig {
     /// Creates a robot with an image, powered on. `seed` is where all chance starts.
-    #[must_use]
     pub fn new(image: Image, encoder: EncoderKind, seed: u64) -> Self {
         let mut rig = Self::with_flash(image, encoder, seed, programmed_flash());
         rig.chip.charge(Times::WORST);
@@ -146,7 +145,6 @@ impl Rig {
     }
 
     /// Creates one as [`Rig::new`] does, with a flash that was used before and a radio that is ready at once.
-    #[must_use]
     pub fn with_flash(image: Image, encoder: EncoderKind, seed: u64, flash: Flash) -> Self {
         let chip = Chip::with_flash(image, Robot::new(encoder, seed), flash, seed);
         let next_step = chip.cycles();
@@ -172,7 +170,6 @@ impl Rig {
     }
 
     /// Returns the virtual time.
-    #[must_use]
     pub fn now(&self) -> Instant {
         Instant::from_micros(self.chip.cycles() * 1_000_000 / CYCLES_PER_SECOND)
     }
@@ -184,7 +181,6 @@ impl Rig {
     }
 
     /// Returns what came out of the serial port, as text.
-    #[must_use]
     pub fn log(&self) -> String {
         String::from_utf8_lossy(&self.serial).into_owned()
     }
@@ -197,7 +193,6 @@ impl Rig {
 
     /// Accesses to blocks without a clock, but for those that the HAL is known to make: it switches off the watchdog of
     /// timer group 1 after it has taken that group's clock away. The watchdog is off by then.
-    #[must_use]
     pub fn findings(&self) -> Vec<String> {
         let is_known =
             |finding: &String| KNOWN_FINDINGS.iter().any(|known| finding.contains(known));
@@ -212,18 +207,12 @@ impl Rig {
     }
 
     /// Advances everything to the end of a step of the plant.
-    ///
-    /// # Errors
-    /// When the emulation cannot go on.
     pub fn step(&mut self) -> Result<(), RigError> {
         // A step is longer where it catches up with the loop.
         self.advance(2 * STEP_CYCLES)
     }
 
     /// Advances the chip by so many cycles, at most to the end of a step of the plant.
-    ///
-    /// # Errors
-    /// When the emulation cannot go on.
     pub fn advance(&mut self, cycles: u64) -> Result<(), RigError> {
         if self.chip.cycles() >= self.next_step {
             self.begin_step()?;
@@ -255,9 +244,6 @@ impl Rig {
     }
 
     /// Lowers the supply for a moment.
-    ///
-    /// # Errors
-    /// When the mechanics diverge.
     pub fn brown_out(&mut self) -> Result<(), RigError> {
         if self.chip.brown_out() {
             self.resets.push((self.chip.now(), ResetReason::BrownOut));
@@ -387,9 +373,6 @@ impl Rig {
     }
 
     /// Runs for so long.
-    ///
-    /// # Errors
-    /// When the emulation cannot go on.
     pub fn run(&mut self, time: Duration) -> Result<(), RigError> {
         let end = self.chip.cycles() + cycles(time);
         while self.chip.cycles() < end {
@@ -399,9 +382,6 @@ impl Rig {
     }
 
     /// Runs until `found` finds something.
-    ///
-    /// # Errors
-    /// When it does not within [`PATIENCE`], or the emulation cannot go on.
     pub fn until<T>(
         &mut self,
         what: &'static str,
@@ -422,9 +402,6 @@ impl Rig {
     }
 
     /// Runs until the log says `text`.
-    ///
-    /// # Errors
-    /// As [`Rig::until`].
     pub fn until_log(&mut self, what: &'static str, text: &str) -> Result<(), RigError> {
         let from = self.serial.len();
         let text = text.as_bytes();
@@ -435,9 +412,6 @@ impl Rig {
     }
 
     /// Sends a request over the serial port and returns the robot's answer.
-    ///
-    /// # Errors
-    /// When none comes.
     pub fn ask_serial(&mut self, request: &Request) -> Result<Answer, RigError> {
         let frame = write_frame(request)
             .ok_or_else(|| RigError::Fault("a request fits no frame".to_owned()))?;
@@ -457,39 +431,28 @@ impl Rig {
     }
 
     /// Returns the address that the network gives this rig's robot.
-    #[must_use]
     pub fn lease(&self) -> FixedAddress {
         FixedAddress { address: self.chip.network.lease, prefix_length: 24, gateway: None }
     }
 
     /// Returns what this rig's robot is given; without an address it asks DHCP for one.
-    ///
-    /// # Errors
-    /// Never: the values are good.
     pub fn provisioning(&self, address: Option<FixedAddress>) -> Result<Provisioning, RigError> {
         let provisioning = Provisioning::new("walker", NAME, PASSPHRASE, address);
         provisioning.map_err(|error| RigError::Fault(error.to_string()))
     }
 
     /// Returns who may command this rig's robot.
-    #[must_use]
     pub fn operator(&self) -> Operator {
         Operator::new(OperatorName::OWNER, &self.key)
     }
 
     /// Provisions the robot over its serial port and waits until it is on the network.
-    ///
-    /// # Errors
-    /// When it does not answer, or does not come up again.
     pub fn provision(&mut self) -> Result<(), RigError> {
         self.until_log("invitation to provision", "flix provision")?;
         self.provision_anew()
     }
 
     /// Provisions it as [`Rig::provision`] does, where it may have been provisioned before.
-    ///
-    /// # Errors
-    /// As [`Rig::provision`].
     pub fn provision_anew(&mut self) -> Result<(), RigError> {
         let provisioning = self.provisioning(Some(self.lease()))?;
         self.ask_serial(&Request::Provision(provisioning, self.operator()))?;
@@ -497,9 +460,6 @@ impl Rig {
     }
 
     /// Connects an operator.
-    ///
-    /// # Errors
-    /// When there is no session.
     pub fn connect(&mut self) -> Result<(), RigError> {
         let now = self.now();
         let entropy = (self.chip.cycles() ^ 0x5A5A).to_le_bytes();
@@ -511,9 +471,6 @@ impl Rig {
     }
 
     /// Arms a robot that nobody has commissioned: enters what it assumes as it is.
-    ///
-    /// # Errors
-    /// When the robot refuses, or has a fault.
     pub fn arm_uncommissioned(&mut self) -> Result<(), RigError> {
         loop {
             match self.arm() {
@@ -557,7 +514,6 @@ impl Rig {
     }
 
     /// Returns whether a motor was driven at the last step's end.
-    #[must_use]
     pub fn is_driven(&self) -> bool {
         self.is_driven
     }

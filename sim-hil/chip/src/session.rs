@@ -64,7 +64,6 @@ pub struct Hold {
 
 impl Hold {
     /// Takes the figures of a setpoint in Hz and degrees.
-    #[must_use]
     pub fn of(
         (f_hz, theta_deg): (f64, f64),
         meter: &HoldMeter,
@@ -84,7 +83,6 @@ impl Hold {
     }
 
     /// Returns what does not hold, in sentences.
-    #[must_use]
     pub fn failures(&self) -> Vec<String> {
         let at = format!("at {} Hz, {} degrees", self.f_hz, self.theta_deg);
         let mut failures = Vec::new();
@@ -155,7 +153,6 @@ pub struct Report {
 
 impl Report {
     /// Returns what does not hold, in sentences.
-    #[must_use]
     pub fn failures(&self) -> Vec<String> {
         let mut failures = Vec::new();
         failures.extend(self.hold.iter().flat_map(Hold::failures));
@@ -209,9 +206,6 @@ pub struct Times {
 }
 
 /// Holds a setpoint and measures it.
-///
-/// # Errors
-/// When the emulation cannot go on.
 pub fn hold(
     rig: &mut Rig,
     (f_hz, theta_deg): (f64, f64),
@@ -244,9 +238,6 @@ pub struct Battery {
 
 impl Battery {
     /// Asks a disarmed robot.
-    ///
-    /// # Errors
-    /// When no telemetry comes.
     pub fn of(rig: &mut Rig) -> Result<Self, RigError> {
         let is_idle = |telemetry: &Telemetry| telemetry.state.is_idle();
         let telemetry = rig.wait_for_telemetry(PATIENCE, is_idle)?;
@@ -256,7 +247,6 @@ impl Battery {
     }
 
     /// Returns what does not hold, in a sentence.
-    #[must_use]
     pub fn failure(&self) -> Option<String> {
         let Self { said_v, true_v } = *self;
         let Some(said_v) = said_v else {
@@ -269,9 +259,6 @@ impl Battery {
 
 /// Makes the magnet of one encoder after the other too weak, then too strong, and good again; returns what the robot does not
 /// report of it.
-///
-/// # Errors
-/// When the robot is silent.
 pub fn magnet_failures(rig: &mut Rig) -> Result<Vec<String>, RigError> {
     let mut failures = Vec::new();
     for motor in [0, 1] {
@@ -291,9 +278,6 @@ pub fn magnet_failures(rig: &mut Rig) -> Result<Vec<String>, RigError> {
 }
 
 /// Arms, holds the five modes, of which the last reverses the one before, and disarms, all in one session.
-///
-/// # Errors
-/// When it does not get to its end.
 pub fn drive(rig: &mut Rig, times: Times, progress: &dyn Fn(&str)) -> Result<Report, RigError> {
     let current_limit = rig.setting("current_limit")?;
     rig.forget_seen();

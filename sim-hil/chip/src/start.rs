@@ -102,7 +102,6 @@ impl Pin {
 
 impl Start {
     /// Looks at how a chip started last.
-    #[must_use]
     pub fn of(chip: &Chip<Robot>) -> Self {
         let pin = |role, number| Pin { role, number, lines: chip.early_lines(number).collect() };
         let bridges = Robot::bridge_pins();
@@ -132,7 +131,6 @@ impl Start {
     }
 
     /// Returns the figures.
-    #[must_use]
     pub fn report(&self) -> Report {
         let steps = |pin: &Pin| {
             let Pin { role, number, .. } = *pin;
@@ -158,7 +156,6 @@ impl Start {
     }
 
     /// Returns what does not hold, in sentences.
-    #[must_use]
     pub fn failures(&self) -> Vec<String> {
         let Report { enables_low_us, phases_low_us, watchdog_us, .. } = self.report();
         let [enables, phases] = [Role::Enable, Role::Phase].map(|role| self.low(role));

@@ -39,10 +39,6 @@ pub struct Args {
     measure: MeasureArgs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, a robot could not be brought to run, or the figure not be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if let Some(robots) = args.robots {
         let study = commissioned_accuracy::robots(robots, args.first_seed);

@@ -38,10 +38,6 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When a robot could not be armed even without an attack.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let Args { datagrams, sessions, bytes, seed, .. } = *args;
     let bar = progress(datagrams + sessions + bytes, "attacking");

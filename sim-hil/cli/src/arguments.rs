@@ -4,9 +4,9 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use flix_protocol::message::Setpoint;
-use flix_shell::number::parse_within;
 use flix_shell::time::duration;
 
+use super::error::Error;
 use flix_sim::model::{LEGS, ModelError, RobotModel};
 use flix_sim::rig::bench::setpoint;
 
@@ -21,9 +21,6 @@ pub struct ModelArgs {
 
 impl ModelArgs {
     /// Reads and checks it.
-    ///
-    /// # Errors
-    /// When it is missing or refused; the sentence names key, value and range.
     pub fn load(&self) -> Result<RobotModel, ModelError> {
         RobotModel::named(&self.model)
     }
@@ -40,9 +37,6 @@ pub struct PaperModelArgs {
 
 impl PaperModelArgs {
     /// Reads and checks it.
-    ///
-    /// # Errors
-    /// As [`ModelArgs::load`].
     pub fn load(&self) -> Result<RobotModel, ModelError> {
         RobotModel::named(&self.model)
     }
@@ -61,11 +55,12 @@ pub struct SetpointArgs {
 
 impl SetpointArgs {
     /// Checks them.
-    ///
-    /// # Errors
-    /// When one is not a number or out of range; the sentence names the range.
-    pub fn check(self) -> Result<Setpoint, flix_protocol::units::OutOfRange> {
-        setpoint(self.frequency.into(), self.direction.into())
+    pub fn check(self) -> Result<Setpoint, Error> {
+        setpoint(self.frequency.into(), self.direction.into()).map_err(|error| {
+            Error::usage(format_args!(
+                "{error}; the robot takes -35 to 35 Hz and -90 to 90 degrees"
+            ))
+        })
     }
 }
 
@@ -95,9 +90,6 @@ impl FromStr for Vector {
 }
 
 /// Parses one of the four legs, as its index in [`LEGS`].
-///
-/// # Errors
-/// When there is no such leg.
 pub fn parse_leg(text: &str) -> Result<usize, String> {
     LEGS.iter()
         .position(|leg| *leg == text)
@@ -105,9 +97,6 @@ pub fn parse_leg(text: &str) -> Result<usize, String> {
 }
 
 /// Reads a time above 0 and up to a day: `50us`, `0.1ms`, `8s`, `10m`, or a plain number of seconds.
-///
-/// # Errors
-/// When it is no such time.
 pub fn parse_time(text: &str) -> Result<Duration, String> {
     const LONGEST: Duration = Duration::from_secs(86_400);
     let time = duration(text)?;
@@ -118,9 +107,6 @@ pub fn parse_time(text: &str) -> Result<Duration, String> {
 }
 
 /// Reads the step of a simulation: a time from 1 us to 5 ms. Beyond, the contact of a foot diverges.
-///
-/// # Errors
-/// When it is no such time.
 pub fn parse_step(text: &str) -> Result<Duration, String> {
     const SHORTEST: Duration = Duration::from_micros(1);
     const LONGEST: Duration = Duration::from_millis(5);
@@ -129,14 +115,6 @@ pub fn parse_step(text: &str) -> Result<Duration, String> {
         return Err(format!("{text:?} is no step from 1us to 5ms"));
     }
     Ok(step)
-}
-
-/// Reads a heading from -360 to 360 degrees.
-///
-/// # Errors
-/// When it is no such angle.
-pub fn parse_heading(text: &str) -> Result<f64, String> {
-    parse_within(text, -360.0..=360.0, "heading", " degrees")
 }
 
 #[cfg(test)]

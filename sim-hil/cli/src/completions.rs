@@ -18,10 +18,6 @@ pub struct Args {
     shell: Shell,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When standard output cannot be written.
 pub fn run(args: &Args, program: clap::Command) -> Result<ExitCode, Error> {
     completions::write(args.shell, program)?;
     Ok(ExitCode::SUCCESS)

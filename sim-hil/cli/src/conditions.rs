@@ -1,6 +1,6 @@
 //! The conditions of a closed-loop run, as options.
 
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -27,38 +27,24 @@ pub struct LoopArgs {
     #[arg(long, value_name = "TIME", default_value = "20ms", value_parser = parse_time)]
     pub latency: Duration,
     /// Share of datagrams lost, each way, 0 to 0.9
-    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = parse_loss)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = within(0.0..=0.9, "share", ""))]
     pub loss: f64,
     /// Seed of everything random
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
 }
 
-/// Reads a share of lost datagrams.
-///
-/// # Errors
-/// When it is no number from 0 to 0.9.
-pub fn parse_loss(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.0..=0.9, "share", "")
-}
-
 impl LoopArgs {
     /// Returns the mode table.
-    ///
-    /// # Errors
-    /// When there is none for this model, or the file is no table.
     pub fn table(&self) -> Result<ModeTable, Error> {
         match &self.modes {
             Some(file) => ModeTable::load(file)
-                .map_err(|error| Error::refused(format!("--modes {}: {error}", file.display()))),
-            None => shipped_table(&self.model.model).map_err(Error::refused),
+                .map_err(|error| Error::usage(format!("--modes {}: {error}", file.display()))),
+            None => shipped_table(&self.model.model).map_err(Error::usage),
         }
     }
 
     /// Returns the conditions, with the robot at `start`.
-    ///
-    /// # Errors
-    /// When the model is refused or cannot walk.
     pub fn conditions(&self, start: PlanarPose) -> Result<Conditions, Error> {
         let model = self.model.load()?;
         require_walker(&model)?;
@@ -66,7 +52,6 @@ impl LoopArgs {
     }
 
     /// Returns the conditions as facts of a record.
-    #[must_use]
     pub fn facts(&self) -> BTreeMap<String, String> {
         BTreeMap::from([
             ("model".into(), self.model.model.clone()),
@@ -78,7 +63,6 @@ impl LoopArgs {
 }
 
 /// Describes a simulated run for its record.
-#[must_use]
 pub fn description(name: &str, settings: BTreeMap<String, String>) -> RunDescription {
     RunDescription {
         name: name.to_owned(),

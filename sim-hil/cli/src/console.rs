@@ -8,7 +8,7 @@ use flix_host::experiment::drops::{HEIGHT, HEIGHTS};
 use flix_host::system::has_keys;
 use flix_host::system::text::fixed;
 use flix_protocol::message::{Faults, OperatorName, State};
-use flix_shell::number::parse_within;
+use flix_shell::number::within;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::error::Error;
@@ -149,7 +149,7 @@ fn drop_from(robot: &mut SimulatedRobot, stands: [f64; 3], height: &str) -> Stri
     }
     let height = match height.trim() {
         "" => Ok(HEIGHT),
-        text => parse_within(text, HEIGHTS, "height", " mm"),
+        text => within(HEIGHTS, "height", " mm")(text),
     };
     match height {
         Ok(height) => {

@@ -35,10 +35,6 @@ impl Default for Args {
 /// Largest path error on the figure eight, root mean square: less than a fifth of the robot's length.
 const PATH_ERROR_LIMIT_MM: f64 = 40.0;
 
-/// Runs the command.
-///
-/// # Errors
-/// When the robot could not be brought to run, or the pictures not written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     print("The shaker on a sliding body holds f and theta:\n\n")?;
     let holds = shake(args)?;

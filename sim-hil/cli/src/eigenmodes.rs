@@ -36,10 +36,6 @@ enum Held {
     Feet,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused or has no legs.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let clamp = match args.clamp {

@@ -1,6 +1,6 @@
 //! `flix-sim export-mjcf`: the model for MuJoCo.
 
-use flix_shell::number::parse_within;
+use flix_shell::number::within;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -19,21 +19,13 @@ pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
     /// Step of the simulation in the file, ms, 0.001 to 10
-    #[arg(long, value_name = "MS", default_value_t = 0.1, value_parser = parse_step, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MS", default_value_t = 0.1, value_parser = within(1e-3..=10.0, "step", " ms"), allow_hyphen_values = true)]
     step_ms: f64,
     /// File to write [default: standard output]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
 
-fn parse_step(text: &str) -> Result<f64, String> {
-    parse_within(text, 1e-3..=10.0, "step", " ms")
-}
-
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused or the file cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let contact = reference_contact(&model);

@@ -25,10 +25,6 @@ pub struct Args {
     out: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused or the file cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     write_or_print(args.out.as_deref(), &urdf(&model.name, &links(&model)))?;

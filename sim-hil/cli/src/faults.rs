@@ -25,15 +25,11 @@ pub struct Args {
     measure: MeasureArgs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When a robot could not be brought to run while all was well.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let wanted = |case: &Case| case.name.contains(&args.only);
     if !CASES.iter().any(wanted) {
         let names = CASES.map(|case| case.name).join(", ");
-        return Err(Error::refused(format!(
+        return Err(Error::usage(format!(
             "--only {}: there is no such fault among {names}",
             args.only
         )));

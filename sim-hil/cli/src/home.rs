@@ -71,10 +71,6 @@ struct Report {
     record: PathBuf,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When model or table is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let task = Task::Reach { point: Position::ORIGIN, stay: true };
     let repertoire = args.steering.repertoire(|| args.conditions.table())?;
@@ -83,7 +79,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     settings.latency = args.conditions.latency;
     let mut setup = facts(&settings);
     setup.extend(args.conditions.facts());
-    let navigator = Navigator::new(task, repertoire, settings).map_err(Error::refused)?;
+    let navigator = Navigator::new(task, repertoire, settings).map_err(Error::usage)?;
     let mut recorder = Recorder::create(&args.out, SystemTime::now(), &description("home", setup))?;
     recorder.attach(
         Instant::START,

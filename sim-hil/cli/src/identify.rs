@@ -30,15 +30,11 @@ pub struct Args {
     out: PathBuf,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let conditions = args.conditions.conditions(PlanarPose::default())?;
     let (identification, names) = args.identification.identification()?;
     let file = args.conditions.modes.clone().unwrap_or_else(|| args.out.join("modes.toml"));
-    ModeTable::check_writable(&file).map_err(Error::refused)?;
+    ModeTable::check_writable(&file).map_err(Error::usage)?;
     let about = description("identify", args.conditions.facts());
     let recorder = Recorder::create(&args.out, SystemTime::now(), &about)?;
     let pilot = Pilot::new(identification, names, Some(recorder));
@@ -54,13 +50,13 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (identification, record) = course.into_pilot().finish(std::collections::BTreeMap::new());
     record.complete()?;
     if ending != Ending::Finished {
-        return Err(Error::refused(ending));
+        return Err(Error::usage(ending));
     }
     let model = &args.conditions.model.model;
     let source =
         format!("{}; simulated, seed {}", args.identification.source(), args.conditions.seed);
-    let table = identification.table(model, &source).map_err(Error::refused)?;
-    table.save(&file).map_err(Error::refused)?;
+    let table = identification.table(model, &source).map_err(Error::usage)?;
+    table.save(&file).map_err(Error::usage)?;
     print(&describe(&table))?;
     print(&format!("\nwritten to {}\n", file.display()))?;
     Ok(ExitCode::SUCCESS)

@@ -35,13 +35,9 @@ pub struct Args {
     out: PathBuf,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused or cannot walk, or the file cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let failed = |error| Error::refused(format!("cannot write {}: {error}", args.out.display()));
-    flix_host::system::file::check_writable(&args.out).map_err(failed)?;
+    let failed = Error::write(&args.out);
+    flix_host::system::file::check_writable(&args.out).map_err(&failed)?;
     let model = args.model.load()?;
     let plan = Plan {
         robots: args.robots,
@@ -51,7 +47,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     };
     let bar = progress(args.robots, "robots walked");
     let experience =
-        gain(&model, &plan, &mut |robots| bar.set_position(robots)).map_err(Error::refused)?;
+        gain(&model, &plan, &mut |robots| bar.set_position(robots)).map_err(Error::usage)?;
     bar.finish_and_clear();
     std::fs::write(&args.out, experience.to_toml()).map_err(failed)?;
     let pairs = experience.walks().len();

@@ -4,42 +4,42 @@
 //! Exit codes: 0 done and within all limits, 1 a figure is outside its limit or the run failed, 2 usage. With
 //! `--json` standard output carries JSON alone; progress goes to standard error, and only to a terminal.
 
-pub mod accuracy;
-pub mod adversary;
-pub mod arguments;
-pub mod commission;
-pub mod completions;
-pub mod conditions;
+mod accuracy;
+mod adversary;
+mod arguments;
+mod commission;
+mod completions;
+mod conditions;
 mod console;
-pub mod demo;
-pub mod eigenmodes;
+mod demo;
+mod eigenmodes;
 mod error;
-pub mod export_mjcf;
-pub mod export_urdf;
-pub mod faults;
-pub mod home;
-pub mod identify;
-pub mod learn;
-pub mod leg;
+mod export_mjcf;
+mod export_urdf;
+mod faults;
+mod home;
+mod identify;
+mod learn;
+mod leg;
 mod live;
-pub mod man;
-pub mod measure;
-pub(crate) mod output;
-pub mod rest;
+mod man;
+mod measure;
+mod output;
+mod rest;
 pub mod serve;
-pub mod shake;
-pub mod shiver;
-pub mod soak;
-pub mod study;
-pub mod track;
-pub mod validate;
-pub mod walk;
+mod shake;
+mod shiver;
+mod soak;
+mod study;
+mod track;
+mod validate;
+mod walk;
 
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-pub use self::error::{Error, ServeError};
+pub use self::error::Error;
 
 /// A simulated Flix-Walker under the robot's own software.
 #[derive(Debug, Parser)]
@@ -119,6 +119,6 @@ pub fn run(cli: Cli) -> ExitCode {
     };
     outcome.unwrap_or_else(|error| {
         output::complain(&error);
-        if error.is_usage() { ExitCode::from(2) } else { ExitCode::FAILURE }
+        error.exit()
     })
 }

@@ -47,9 +47,6 @@ pub struct Shown {
 
 impl Shown {
     /// Opens the stream, where one is asked for, and says where.
-    ///
-    /// # Errors
-    /// When the address cannot be had.
     pub fn open(args: &StreamArgs, model: &RobotModel) -> Result<Option<Self>, Error> {
         let Some(mut stream) = args.open("flix-sim", &CHANNELS)? else { return Ok(None) };
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -60,9 +57,6 @@ impl Shown {
     }
 
     /// Shows how the robot stands, when that is due.
-    ///
-    /// # Errors
-    /// When a number has no JSON form.
     pub fn show(&mut self, robot: &SimulatedRobot) -> Result<(), Error> {
         let now = robot.now();
         if now < self.next {

@@ -7,9 +7,6 @@ pub use flix_shell::man::Args;
 use super::error::Error;
 
 /// Writes the pages of `flix-sim`.
-///
-/// # Errors
-/// When they cannot be written.
 pub fn run(args: &Args, program: clap::Command) -> Result<ExitCode, Error> {
     flix_shell::man::write(program, &args.folder)?;
     Ok(ExitCode::SUCCESS)

@@ -27,9 +27,6 @@ pub struct MeasureArgs {
 
 impl MeasureArgs {
     /// Computes what is missing of a measurement; returns its table and the folder where it is kept.
-    ///
-    /// # Errors
-    /// When the measurement did not end; finished cells are kept.
     pub(crate) fn table(
         &self,
         command: &str,
@@ -47,9 +44,6 @@ impl MeasureArgs {
 
 /// Computes what is missing of the parts of a measurement and prints all of them; the exit code states whether no cell failed and
 /// every value keeps its limit.
-///
-/// # Errors
-/// When the measurement did not end; finished cells are kept.
 pub fn measure(command: &str, parts: &[&dyn Study], args: &MeasureArgs) -> Result<ExitCode, Error> {
     let mut tables = Vec::new();
     for part in parts {

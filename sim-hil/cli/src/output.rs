@@ -21,8 +21,7 @@ pub(crate) fn complain(sentence: impl std::fmt::Display) {
 pub(crate) fn write_or_print(file: Option<&Path>, text: &str) -> Result<(), Error> {
     match file {
         None => Ok(print(text)?),
-        Some(path) => std::fs::write(path, text)
-            .map_err(|error| Error::Write { path: path.to_owned(), error }),
+        Some(path) => std::fs::write(path, text).map_err(Error::write(path)),
     }
 }
 

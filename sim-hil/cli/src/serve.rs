@@ -16,12 +16,12 @@ use flix_protocol::frame::{Frame, MAXIMUM_DATAGRAM};
 use flix_protocol::message::OperatorName;
 use flix_protocol::session::{Operator, Operators};
 use flix_protocol::units::Instant;
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 use flix_shell::stream::StreamArgs;
 
 use super::arguments::ModelArgs;
 use super::console::Console;
-use super::error::{Error, ServeError};
+use super::error::Error;
 use super::live::Shown;
 use super::output::{complain, print};
 use flix_sim::experiment::walk::require_walker;
@@ -55,7 +55,7 @@ pub struct Args {
     #[arg(long, value_name = "ADDR:PORT", value_parser = natnet_address, num_args = 0..=1, default_missing_value = NATNET_DEFAULT)]
     natnet: Option<SocketAddrV4>,
     /// Pictures that the cameras take a second, 1 to 1000
-    #[arg(long, value_name = "HZ", default_value_t = 100.0, value_parser = pose_rate, requires = "natnet")]
+    #[arg(long, value_name = "HZ", default_value_t = 100.0, value_parser = within(1.0..=1000.0, "rate", " Hz"), requires = "natnet")]
     pose_rate: f64,
     #[command(flatten)]
     stream: StreamArgs,
@@ -94,10 +94,6 @@ fn listen_address(text: &str) -> Result<SocketAddr, String> {
     })
 }
 
-fn pose_rate(text: &str) -> Result<f64, String> {
-    parse_within(text, 1.0..=1000.0, "rate", " Hz")
-}
-
 fn natnet_address(text: &str) -> Result<SocketAddrV4, String> {
     text.parse().map_err(|_| {
         format!(
@@ -126,13 +122,8 @@ const COMPLAINT_INTERVAL: Duration = Duration::from_secs(5);
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let robot = robot(args, &model, operators(args)?)?;
-    let interrupt = Interrupt::listen().map_err(ServeError::Network)?;
-    let listen = |address| UdpSocket::bind(address);
-    let socket = listen(args.listen).map_err(|source| ServeError::Listen {
-        option: "--listen",
-        address: args.listen,
-        source,
-    })?;
+    let interrupt = Interrupt::listen().map_err(Error::network)?;
+    let socket = UdpSocket::bind(args.listen).map_err(cannot_listen("--listen", args.listen))?;
     let cameras = args.natnet.map(|address| Cameras::open(address.into(), args)).transpose()?;
     let mut shown = Shown::open(&args.stream, &model)?;
     introduce(args, &socket)?;
@@ -146,14 +137,39 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Makes the error of an address that cannot be had.
+fn cannot_listen(option: &str, address: SocketAddr) -> impl Fn(io::Error) -> Error {
+    move |error| {
+        let (advice, all) = match error.kind() {
+            io::ErrorKind::AddrInUse => {
+                ("another program listens there, perhaps a robot: give another port", "")
+            }
+            io::ErrorKind::AddrNotAvailable => {
+                ("it is no address of this computer: give one that is", ", or 0.0.0.0 for all")
+            }
+            io::ErrorKind::PermissionDenied => {
+                ("ports below 1024 are for the system: give a higher one", "")
+            }
+            _ => ("give another", ""),
+        };
+        Error::usage(format_args!(
+            "{option} {address}: cannot listen there: {error}; {advice} with {option}{all}"
+        ))
+    }
+}
+
 fn operators(args: &Args) -> Result<Operators, Error> {
     let mut operators = Operators::default();
     for Holder { name, file } in &args.operator {
         let operator = Operator::new(*name, &keys::read(file)?);
         if let Some(known) = operators.iter().find(|known| known.key() == operator.key()) {
-            return Err(ServeError::OneKey { name: *name, known: known.name() }.into());
+            return Err(Error::usage(format_args!(
+                "--operator {name}: the key of this file is that of {}; make one with `flix keygen FILE`",
+                known.name()
+            )));
         }
-        operators.add(operator).map_err(|source| ServeError::Operators { name: *name, source })?;
+        let refused = |error| Error::usage(format_args!("--operator {name}: {error}"));
+        operators.add(operator).map_err(refused)?;
     }
     if args.operator.is_empty() {
         operators = Some(match &args.key {
@@ -181,7 +197,7 @@ fn robot(args: &Args, model: &RobotModel, operators: Operators) -> Result<Simula
 }
 
 fn introduce(args: &Args, socket: &UdpSocket) -> Result<(), Error> {
-    let address = socket.local_addr().map_err(ServeError::Network)?;
+    let address = socket.local_addr().map_err(Error::network)?;
     let host =
         if address.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { address.ip() };
     let robot = if address.port() == DEFAULT_PORT {
@@ -233,7 +249,7 @@ pub fn serve(
     interrupt: &Interrupt,
     mut attend: impl FnMut(&mut SimulatedRobot) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    socket.set_nonblocking(true).map_err(ServeError::Network)?;
+    socket.set_nonblocking(true).map_err(Error::network)?;
     let mut clock = RealTime::started();
     let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
     let mut frame = Frame::new();
@@ -245,7 +261,7 @@ pub fn serve(
             robot.receive(from, bytes);
             send_due(&mut robot, socket, &mut frame);
         })
-        .map_err(ServeError::Network)?;
+        .map_err(Error::network)?;
         clock.catch_up(robot.now());
         // On a computer that is too slow for real time it is always due.
         for _ in 0..MOST_BATCHES {
@@ -256,7 +272,7 @@ pub fn serve(
                 robot.tick()?;
             }
             if let Some(cameras) = &mut cameras {
-                cameras.show(&robot, clock.put_off).map_err(ServeError::Network)?;
+                cameras.show(&robot, clock.put_off).map_err(Error::network)?;
             }
             send_due(&mut robot, socket, &mut frame);
         }
@@ -280,7 +296,7 @@ impl Cameras {
         let usual = ServerSettings::default();
         let multicast = usual.multicast.filter(|_| !address.ip().is_loopback());
         let server = NatNetServer::bind(address, ServerSettings { multicast, ..usual })
-            .map_err(|source| ServeError::Listen { option: "--natnet", address, source })?;
+            .map_err(cannot_listen("--natnet", address))?;
         print(&format!("Its pose is streamed as OptiTrack does, by NatNet at {address}.\n"))?;
         let period = Duration::from_secs_f64(1.0 / args.pose_rate);
         Ok(Self { server, cameras: MotionCapture::new(args.seed), period, next: Instant::START })

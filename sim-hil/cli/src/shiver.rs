@@ -31,10 +31,6 @@ pub struct Args {
     measure: MeasureArgs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When a robot cannot be built.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let study = shivers(args.sets, args.nearest, args.first_seed)?;
     measure("shiver", &[&study], &args.measure)

@@ -13,9 +13,10 @@ use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::{Recorder, Run};
 use flix_plot::Figure;
 use flix_shell::course::{CourseArgs, describe, facts, results, row};
+use flix_shell::number::within;
 use serde::Serialize;
 
-use super::arguments::{parse_heading, parse_time};
+use super::arguments::parse_time;
 use super::conditions::{LoopArgs, description};
 use super::error::Error;
 use super::output::{optional_path_as_text, path_as_text, print, progress};
@@ -42,7 +43,7 @@ pub struct Args {
     #[command(flatten)]
     conditions: LoopArgs,
     /// Heading at the start, degrees to the left of the path
-    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = parse_heading)]
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = within(-360.0..=360.0, "heading", " degrees"))]
     heading: f64,
     /// Robot's time after which the run is given up
     #[arg(long, value_name = "TIME", default_value = "1h", value_parser = parse_time)]
@@ -106,10 +107,6 @@ pub struct Report {
     pub replay: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the path, model or table is refused, the simulation diverges, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let report = follow(args)?;
     print(&if args.json {
@@ -121,9 +118,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 }
 
 /// Walks to the end and writes record, pictures and replay.
-///
-/// # Errors
-/// When the path, model or table is refused, the simulation diverges, or files cannot be written.
 pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let path = args.course.path()?;
     let task = Task::Follow { path: path.clone(), laps: args.course.laps };
@@ -181,7 +175,7 @@ fn finish(
     let pilot = course.into_pilot();
     let numbers = results(pilot.helm().navigator(), seconds);
     let (steering, record) = pilot.finish(numbers.clone());
-    let Some(record) = record.complete()? else { return Err(Error::refused(ending)) };
+    let Some(record) = record.complete()? else { return Err(Error::usage(ending)) };
     let run = Run::read(&record)?;
     let stem = record.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let folder = record.parent().map(PathBuf::from).unwrap_or_default();

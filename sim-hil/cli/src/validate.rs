@@ -1,6 +1,6 @@
 //! `flix-sim validate`: every figure beside what it must agree with.
 
-use flix_shell::number::parse_within;
+use flix_shell::number::within;
 use std::process::ExitCode;
 
 use super::arguments::{Vector, parse_leg};
@@ -18,10 +18,10 @@ pub struct Args {
     #[arg(long, default_value = "A")]
     model: String,
     /// Frequency of the shaker on a stand, -35 to 35 Hz; may be given several times
-    #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = parse_frequency)]
+    #[arg(long, value_name = "HZ", allow_hyphen_values = true, value_parser = within(-35.0..=35.0, "frequency", " Hz"))]
     frequency: Vec<f64>,
     /// Direction of the shaker, -90 to 90 degrees, positive to the right
-    #[arg(long, value_name = "DEG", default_value_t = 30.0, allow_hyphen_values = true, value_parser = parse_direction)]
+    #[arg(long, value_name = "DEG", default_value_t = 30.0, allow_hyphen_values = true, value_parser = within(-90.0..=90.0, "direction", " degrees"))]
     direction: f64,
     /// Leg that is loaded: fl, fr, rl or rr
     #[arg(long, default_value = "fl", value_parser = parse_leg)]
@@ -36,18 +36,6 @@ pub struct Args {
     measure: MeasureArgs,
 }
 
-fn parse_frequency(text: &str) -> Result<f64, String> {
-    parse_within(text, -35.0..=35.0, "frequency", " Hz")
-}
-
-fn parse_direction(text: &str) -> Result<f64, String> {
-    parse_within(text, -90.0..=90.0, "direction", " degrees")
-}
-
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, has no legs, or the motion diverges.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = flix_sim::model::RobotModel::named(&args.model)?;
     let mut options = Options {

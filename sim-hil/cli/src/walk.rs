@@ -7,11 +7,11 @@ use std::time::Duration;
 use flix_host::nav::{PlanarPose, Position};
 use flix_host::system::text::fixed;
 use flix_plot::{Figure, Outline, Series, Track, colour};
-use flix_shell::number::whole;
+use flix_shell::number::{whole, within};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::Serialize;
 
-use super::arguments::{ModelArgs, SetpointArgs, parse_heading, parse_step, parse_time};
+use super::arguments::{ModelArgs, SetpointArgs, parse_step, parse_time};
 use super::error::Error;
 use super::output::{complain, print, print_figures, progress, row, table};
 use flix_sim::experiment::walk::{Spread, Walk, WalkDrive, Walked, walk};
@@ -42,7 +42,7 @@ pub struct Args {
     #[arg(long, value_name = "S", default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     first_seed: u64,
     /// Heading at the start of every walk, degrees to the left [default: each seed its own]
-    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, value_parser = parse_heading)]
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, value_parser = within(-360.0..=360.0, "heading", " degrees"))]
     heading: Option<f64>,
     #[command(flatten)]
     model: ModelArgs,
@@ -80,10 +80,6 @@ struct Report {
     fallen: usize,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When f or theta is out of range, the model is refused, or a walk fails.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     let setpoint = args.setpoint.check()?;
@@ -95,7 +91,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         heading: args.heading.map(f64::to_radians),
     };
     if what.drive == WalkDrive::Firmware && what.step > TICK {
-        return Err(Error::refused(format!(
+        return Err(Error::usage(format!(
             "--step {:?}: the firmware ticks every 0.1ms; take at most that, or --drive ideal",
             args.step
         )));

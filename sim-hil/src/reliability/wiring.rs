@@ -1,76 +1,29 @@
 //! Robots that are wired, mounted or made wrongly, and whether commissioning names what is wrong.
 
-use std::collections::BTreeMap;
-
 use flix_host::commission::{CommissionError, Finding, Phase};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
-use serde::Serialize;
 
 use super::unknown_motors::{Watched, known, unknown_motors};
 use crate::model::RobotModel;
 use crate::model::SIMULATED_BOARD;
 use crate::rig::bench::BenchError;
 use crate::rig::wiring_fault::{Miswired, WiringFault};
+use crate::study::Row;
 
-/// A wiring fault that was looked for.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Searched {
-    /// Seed of the robot.
-    pub seed: u64,
-    /// Kind of the fault.
-    pub kind: &'static str,
-    /// What commissioning said.
-    pub said: String,
-    /// Whether that names the fault, with its motor and its phase.
-    pub named: bool,
-    /// Largest phase current from power-up on, A.
-    pub largest_current_a: f64,
+/// Returns the kinds of wiring faults, in the order of [`search`].
+pub(super) fn kinds() -> Vec<&'static str> {
+    faults(&unknown_motors(0), 0).into_iter().map(|(kind, _)| kind).collect()
 }
 
-/// How many wiring faults were tried, and named.
-#[derive(Debug, Clone, Serialize)]
-pub struct Wiring {
-    /// Tried.
-    pub tried: usize,
-    /// Named, with motor and phase.
-    pub named: usize,
-    /// Largest phase current, A.
-    pub largest_current_a: f64,
-    /// The same by kind: tried, named.
-    pub kinds: BTreeMap<&'static str, [usize; 2]>,
-    /// Those that were not named.
-    pub missed: Vec<Searched>,
-}
-
-impl Wiring {
-    /// Counts what was found, by kind.
-    #[must_use]
-    pub fn of(searched: Vec<Searched>) -> Self {
-        let mut kinds = BTreeMap::<_, [usize; 2]>::new();
-        for one in &searched {
-            let counts = kinds.entry(one.kind).or_default();
-            counts[0] += 1;
-            counts[1] += usize::from(one.named);
-        }
-        let largest_current_a =
-            searched.iter().map(|one| one.largest_current_a).fold(0.0, f64::max);
-        Self {
-            tried: searched.len(),
-            named: searched.iter().filter(|one| one.named).count(),
-            largest_current_a,
-            kinds,
-            missed: searched.into_iter().filter(|one| !one.named).collect(),
-        }
-    }
-}
-
-/// Gives the robot of this seed each wiring fault in turn, at a motor, phase and strength that chance picks.
+/// Gives the robot of this seed each wiring fault in turn, at a motor, phase and strength that chance picks. Returns for each fault the
+/// words of commissioning, whether they name the fault with its motor and its phase, and the largest phase current from power-up
+/// on, A.
 ///
 /// # Errors
-/// When it cannot be built.
-pub fn search(seed: u64) -> Result<Vec<Searched>, BenchError> {
+/// When the robot cannot be built.
+pub(super) fn search(seed: u64) -> Result<Vec<Row>, BenchError> {
     let model = unknown_motors(seed);
     faults(&model, seed)
         .into_par_iter()
@@ -81,30 +34,20 @@ pub fn search(seed: u64) -> Result<Vec<Searched>, BenchError> {
                 model.electrical.sense.bus_uv_per_count =
                     SIMULATED_BOARD.bus_microvolts_per_count.map_or(0, std::num::NonZeroU16::get);
             }
-            search_one(model, seed, kind, fault)
+            search_one(model, seed, fault)
         })
         .collect()
 }
 
-fn search_one(
-    model: RobotModel,
-    seed: u64,
-    kind: &'static str,
-    fault: WiringFault,
-) -> Result<Searched, BenchError> {
+fn search_one(model: RobotModel, seed: u64, fault: WiringFault) -> Result<Row, BenchError> {
     let sense = SIMULATED_BOARD.current_sense;
     let shaker = model.shaker;
     let mut watched = Watched::power_up_with(model, seed, Some(Miswired::new(fault, sense, seed)))?;
     let known = known(&shaker, seed, &watched);
     let found = watched.commission(&known);
     let named = matches!(&found, Err(CommissionError::Found(finding)) if is_named(fault, *finding));
-    Ok(Searched {
-        seed,
-        kind,
-        said: found.err().map_or_else(|| "nothing".to_owned(), |error| error.to_string()),
-        named,
-        largest_current_a: watched.largest_current.get(),
-    })
+    let said = found.err().map_or_else(|| "nothing".to_owned(), |error| error.to_string());
+    Ok(vec![said.into(), named.into(), watched.largest_current.get().into()])
 }
 
 /// Draws one fault of each kind.

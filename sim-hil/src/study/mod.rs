@@ -17,6 +17,7 @@ pub use shard::{Shard, ShardError};
 pub use table::Table;
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 /// Many independent cells.
 pub trait Study: Sync {
@@ -127,4 +128,29 @@ pub fn compute(study: &dyn Study) -> Table {
         columns,
         rows,
     }
+}
+
+/// Returns a line for every figure: its key in JSON and its value. Null values have no line.
+#[must_use]
+pub fn lines(figures: &impl Serialize) -> String {
+    fn add(text: &mut String, key: &str, value: serde_json::Value) {
+        use serde_json::Value;
+        match value {
+            Value::Object(entries) => {
+                let dot = if key.is_empty() { "" } else { "." };
+                entries
+                    .into_iter()
+                    .for_each(|(name, it)| add(text, &format!("{key}{dot}{name}"), it));
+            }
+            Value::Array(items) if items.iter().any(|it| it.is_object() || it.is_array()) => {
+                let items = items.into_iter().enumerate();
+                items.for_each(|(index, it)| add(text, &format!("{key}[{index}]"), it));
+            }
+            Value::Null => {}
+            value => *text += &format!("{key}: {value}\n"),
+        }
+    }
+    let mut text = String::new();
+    add(&mut text, "", serde_json::to_value(figures).unwrap_or_default());
+    text
 }

@@ -6,7 +6,7 @@ use flix_firmware::settings::Settings;
 use flix_host::commission::{CommissionError, Finding, Known, commission};
 use flix_sim::model::{RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::Plant;
-use flix_sim::reliability::commission::{CURRENT_LIMIT_A, measure};
+use flix_sim::reliability::commission::{CURRENT_LIMIT_A, motors, voltage_mode, wiring_faults};
 use flix_sim::reliability::unknown_motors::{Watched, rotor_inertia, unknown_motors};
 use flix_sim::rig::bench::bench_key;
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
@@ -14,14 +14,15 @@ use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::operation::{Operation, OperationError};
 use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
+use flix_sim::study::compute;
 
 #[test]
 fn robots_of_unknown_motors_find_their_own_values_and_name_what_is_wired_wrongly() {
-    let measured = measure(3, 2, None, || {}).unwrap();
-    assert!(measured.pass, "{measured:?}");
-    assert_eq!(measured.voltage_mode.refused_assumed, 3);
-    let wiring = &measured.wiring_faults;
-    assert!(wiring.kinds.len() > 22 && wiring.tried == 3 * wiring.kinds.len(), "{wiring:?}");
+    let seeds = [2, 3, 4];
+    for study in [motors(&seeds, 0.01), voltage_mode(&seeds, 0.01), wiring_faults(&seeds)] {
+        let table = compute(&study);
+        assert!(table.pass(), "{table:?}");
+    }
 }
 
 /// What the ramps take is friction and inertia: friction that changes among them would be taken for inertia.

@@ -8,7 +8,6 @@ use std::path::Path;
 use super::due::{Judge, Reason};
 use super::list::{FILE, List, Record, TABLE, with_record};
 use super::{Args, run_lanes};
-use crate::included::{Included, included};
 use crate::marked;
 use crate::run;
 use crate::test_repository::TestRepository;
@@ -137,6 +136,7 @@ run = ["echo script", "touch logs/script-ran"]
 name = "tool"
 checks = "the tool"
 packages = ["tool"]
+except = ["upper/src/excepted.rs"]
 long = true
 run = ["echo tool"]
 "#;
@@ -229,6 +229,7 @@ fn new_and_removed_and_moved_files_count_and_ignored_ones_do_not() {
     let clone = small();
     clone.write("target/x", "");
     clone.write("upper/README.md", "for people");
+    clone.write("upper/src/excepted.rs", "");
     assert_eq!(clone.due(), [""; 0]);
     clone.write("upper/src/new.rs", "");
     assert_eq!(clone.due(), ["tool"]);
@@ -551,148 +552,4 @@ fn the_table_of_the_page_is_that_of_the_list() {
     let page = tree.now(&list.page).unwrap();
     let is_renewed = marked::part(&page, TABLE) == Some(&list.table());
     assert!(is_renewed, "{} has another table: `cargo xtask lanes --table` renews it", list.page);
-}
-
-/// The lanes of the list that depend on a file, by other means than theirs: the lock file for what needs what, folders with a
-/// manifest for what belongs to whom, git for patterns.
-struct Witness {
-    list: toml::Table,
-    lock: toml::Table,
-}
-
-impl Witness {
-    fn strings(value: Option<&toml::Value>) -> Vec<String> {
-        let values = value.and_then(toml::Value::as_array).into_iter().flatten();
-        values.map(|value| value.as_str().unwrap().to_owned()).collect()
-    }
-
-    fn lanes(&self) -> &Vec<toml::Value> {
-        self.list["lane"].as_array().unwrap()
-    }
-
-    /// Returns the packages of this workspace that a lane's packages need.
-    fn closure(&self, lane: &toml::Value) -> BTreeSet<String> {
-        let mut open = Self::strings(lane.get("packages"));
-        let mut closure = BTreeSet::new();
-        while let Some(name) = open.pop() {
-            let packages = self.lock["package"].as_array().unwrap();
-            let ours = packages.iter().find(|package| {
-                package["name"].as_str() == Some(&name) && package.get("source").is_none()
-            });
-            if let (Some(ours), true) = (ours, !closure.contains(&name)) {
-                closure.insert(name);
-                open.extend(Self::strings(ours.get("dependencies")));
-            }
-        }
-        closure
-    }
-
-    fn owner(clone: &TestRepository, file: &str) -> Option<String> {
-        Path::new(file).ancestors().skip(1).find_map(|folder| {
-            let manifest =
-                std::fs::read_to_string(clone.path("").join(folder).join("Cargo.toml")).ok()?;
-            let manifest: toml::Table = manifest.parse().unwrap();
-            // One with a workspace of its own is a folder of the package around it.
-            let is_apart = manifest.contains_key("workspace") && folder != Path::new("");
-            let package = manifest.get("package").filter(|_| !is_apart)?;
-            Some(package["name"].as_str()?.to_owned())
-        })
-    }
-
-    /// Returns the tracked files that patterns name.
-    fn named(clone: &TestRepository, patterns: &[String]) -> BTreeSet<String> {
-        if patterns.is_empty() {
-            return BTreeSet::new();
-        }
-        let patterns: Vec<String> =
-            patterns.iter().map(|pattern| format!(":(glob){pattern}")).collect();
-        let words: Vec<&str> =
-            ["ls-files", "-z"].into_iter().chain(patterns.iter().map(String::as_str)).collect();
-        clone.git(&words).split('\0').filter(|file| !file.is_empty()).map(str::to_owned).collect()
-    }
-
-    /// Returns the inputs of each lane.
-    fn inputs(&self, clone: &TestRepository) -> BTreeMap<String, BTreeSet<String>> {
-        let files: Vec<(String, Option<String>)> = Self::named(clone, &["**".into()])
-            .into_iter()
-            .map(|file| (file.clone(), Self::owner(clone, &file)))
-            .collect();
-        let common = Self::named(clone, &Self::strings(self.list.get("common")));
-        let except = Self::named(clone, &Self::strings(self.list.get("except")));
-        let of = |lane: &toml::Value| {
-            let closure = self.closure(lane);
-            let named = Self::named(clone, &Self::strings(lane.get("files")));
-            let own = Self::named(clone, &Self::strings(lane.get("except")));
-            let is_input = |(file, owner): &&(String, Option<String>)| {
-                let is_in_package = owner.as_ref().is_some_and(|owner| closure.contains(owner));
-                let is_excepted = except.contains(file) || own.contains(file);
-                common.contains(file) || named.contains(file) || (is_in_package && !is_excepted)
-            };
-            files.iter().filter(is_input).map(|(file, _)| file.clone()).collect()
-        };
-        // With what their sources take in, which is the same function's word here and there.
-        let files: Vec<String> = files.iter().map(|(file, _)| file.clone()).collect();
-        let included: Vec<Included> =
-            included(&clone.tree(), &files).into_iter().filter(Included::is_built).collect();
-        let of = |lane: &toml::Value| {
-            let mut inputs: BTreeSet<String> = of(lane);
-            while let Some(more) =
-                included.iter().find(|it| inputs.contains(&it.by) && !inputs.contains(&it.file))
-            {
-                inputs.insert(more.file.clone());
-            }
-            inputs
-        };
-        let named = |lane: &toml::Value| lane["name"].as_str().unwrap().to_owned();
-        self.lanes().iter().map(|lane| (named(lane), of(lane))).collect()
-    }
-}
-
-#[test]
-fn each_input_of_each_lane_here_makes_exactly_those_lanes_due_that_depend_on_it() {
-    let Some(tree) = here() else { return };
-    let files = tree.tracked().unwrap();
-    let contents = files
-        .iter()
-        .filter_map(|file| Some((file.as_str(), std::fs::read(tree.root().join(file)).ok()?)));
-    let clone = TestRepository::of(contents);
-    clone.all_green();
-    assert_eq!(clone.due(), [""; 0]);
-    let witness = Witness {
-        list: clone.read(FILE).parse().unwrap(),
-        lock: clone.read("Cargo.lock").parse().unwrap(),
-    };
-    let inputs = witness.inputs(&clone);
-    // Of each lane a file of each package, and one of each pattern.
-    let mut tried: BTreeSet<String> = Witness::named(&clone, &[".ci/*".into(), "*".into()]);
-    tried.remove(FILE);
-    for lane in witness.lanes() {
-        let inputs = &inputs[lane["name"].as_str().unwrap()];
-        let of_package = |package: &String| {
-            inputs
-                .iter()
-                .find(|file| Witness::owner(&clone, file).as_ref() == Some(package))
-                .cloned()
-        };
-        tried.extend(witness.closure(lane).iter().filter_map(of_package));
-        let patterns = Witness::strings(lane.get("files"));
-        tried.extend(
-            patterns
-                .into_iter()
-                .flat_map(|pattern| Witness::named(&clone, &[pattern]).into_iter().next()),
-        );
-    }
-    for file in tried {
-        let before = std::fs::read(clone.path(&file)).unwrap();
-        run::write(&clone.path(&file), [&before[..], b"\n"].concat()).unwrap();
-        let expected: Vec<String> = inputs
-            .iter()
-            .filter(|(_, inputs)| inputs.contains(&file))
-            .map(|(lane, _)| lane.clone())
-            .collect();
-        let mut due = clone.due();
-        due.sort();
-        assert_eq!(due, expected, "after a change of {file}");
-        run::write(&clone.path(&file), before).unwrap();
-    }
 }

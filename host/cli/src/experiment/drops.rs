@@ -17,7 +17,7 @@ use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::identification::POSE_PATIENCE;
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 use flix_shell::output::complain;
 use flix_shell::{Error, Exit};
 
@@ -46,7 +46,7 @@ pub struct Args {
     #[arg(value_name = "DIR")]
     folder: PathBuf,
     /// Height of the soles over the floor before the drop, 5 to 100 mm.
-    #[arg(long, value_name = "MM", default_value_t = HEIGHT, value_parser = height)]
+    #[arg(long, value_name = "MM", default_value_t = HEIGHT, value_parser = within(HEIGHTS, "height", " mm"))]
     height: f64,
     /// Number of drops.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = whole::<u32>(1..=100))]
@@ -56,10 +56,6 @@ pub struct Args {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-}
-
-fn height(text: &str) -> Result<f64, String> {
-    parse_within(text, HEIGHTS, "height", " mm")
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, Error> {

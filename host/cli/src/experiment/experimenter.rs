@@ -96,9 +96,6 @@ pub(crate) struct Experimenter<'a> {
 impl Experimenter<'_> {
     /// Drives a helm to its end. Writes the rows of each test once it is whole. `done`: tests that are over, and all;
     /// `rows`: whole tests and their rows, numbered on from the last of the file.
-    ///
-    /// # Errors
-    /// When the run ended early, or something cannot be written.
     pub fn run<H: Helm>(
         self,
         mut run: Run,
@@ -138,9 +135,6 @@ impl Experimenter<'_> {
     }
 
     /// Drives walks to their end, as [`Self::run`].
-    ///
-    /// # Errors
-    /// As for [`Self::run`].
     pub fn walk(
         self,
         run: Run,
@@ -191,9 +185,6 @@ impl Kept {
 
     /// Writes what is new once another test is over, so that nothing that ends the program takes it away. `rows`: all
     /// of the run so far.
-    ///
-    /// # Errors
-    /// Why it could not be written; nothing is written after that.
     fn keep(&mut self, done: usize, rows: impl FnOnce(f64) -> Vec<Vec<f64>>) -> Result<(), String> {
         if done == self.done || self.failed.is_some() {
             return Ok(());
@@ -213,9 +204,6 @@ impl Kept {
     }
 
     /// Writes what is left of all rows of the run.
-    ///
-    /// # Errors
-    /// When it cannot, or could not before.
     fn finish(mut self, rows: &[Vec<f64>]) -> Result<Sheet, SheetError> {
         if let Some(error) = self.failed {
             return Err(error);

@@ -33,10 +33,6 @@ enum Experiment {
     Drops(drops::Args),
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When something is missing, the file is of something else, or the experiment ended early.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.experiment {
         Experiment::Walks(args) => walks::run(args),

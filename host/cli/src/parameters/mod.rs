@@ -145,10 +145,6 @@ fn check_value(name: &str, text: &str) -> Result<(), Error> {
     if is_like_one { Ok(()) } else { Err(why()) }
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the robot cannot be reached or refuses; when a name, a value or a file is wrong.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let robot = args.action.robot();

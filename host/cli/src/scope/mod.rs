@@ -123,11 +123,6 @@ impl Args {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the robot cannot be reached or driven, when the trigger does not come, when a file cannot be written, or the
-/// program is interrupted; a robot that is driven is stopped then.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (plan, setpoint) = (args.plan()?, args.setpoint()?);
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
@@ -245,9 +240,6 @@ struct Driven {
 
 impl Driven {
     /// Returns whether the operator wants to leave.
-    ///
-    /// # Errors
-    /// When the operator stops or interrupts.
     fn is_left(&mut self) -> Result<bool, Error> {
         let Some(screen) = &mut self.screen else { return Ok(false) };
         if is_closed() {

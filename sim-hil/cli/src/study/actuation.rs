@@ -19,10 +19,6 @@ pub struct Args {
     run: RunArgs,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let study = Actuation::new(&args.model.load()?);
     if let Some(table) = args.run.run(&study)? {

@@ -41,9 +41,6 @@ const STUDIES: [(&str, bool); 7] = [
 ];
 
 /// Runs every study by `run`, which takes one of the commands `C`.
-///
-/// # Errors
-/// Of the first study that fails.
 pub(super) fn run<C: Subcommand>(
     args: &Args,
     run: impl Fn(&C) -> Result<ExitCode, Error>,
@@ -59,7 +56,7 @@ pub(super) fn run<C: Subcommand>(
         print(&format!("\n== flix-sim study {line} --model {}\n\n", args.model.model))?;
         let words =
             ["study"].into_iter().chain(line.split(' ')).chain(["--model", &args.model.model]);
-        let parsed = Line::<C>::try_parse_from(words).map_err(Error::refused)?;
+        let parsed = Line::<C>::try_parse_from(words).map_err(Error::usage)?;
         run(&parsed.command)?;
     }
     print(&format!("\nall studies took {:.0} s\n", start.elapsed().as_secs_f64()))?;

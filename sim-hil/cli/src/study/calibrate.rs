@@ -5,11 +5,11 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use flix_plot::{Chart, Figure, Panel, Series};
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 use flix_shell::output::print_json;
 use serde::Serialize;
 
-use super::options::{judged, listen, parse_scatter};
+use super::options::{judged, listen};
 use crate::arguments::{ModelArgs, parse_step, parse_time};
 use crate::error::Error;
 use crate::output::{print, progress, row, table};
@@ -60,13 +60,13 @@ pub struct Args {
     #[arg(long, value_enum)]
     fit: Option<Fit>,
     /// How much wider than usual the searched ranges are, about their middles
-    #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = parse_widen)]
+    #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = within(1.0..=WIDEST, "number", ""))]
     widen: f64,
     /// Number of generations
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = whole::<u64>(1..=100_000))]
     generations: u64,
     /// First step of the search, as a share of the ranges
-    #[arg(long, value_name = "SHARE", default_value_t = 0.15, value_parser = parse_first_step)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.15, value_parser = within(0.001..=0.5, "share", ""))]
     first_step: f64,
     /// Candidates a generation, at least 4 [default: as many as the method takes for the number of unknowns]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(4..=1000))]
@@ -75,7 +75,7 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = whole::<u16>(1..=1000))]
     samples: u16,
     /// How far every number of the model scatters, as a share
-    #[arg(long, value_name = "SHARE", default_value_t = 0.02, value_parser = parse_scatter)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.02, value_parser = within(0.0..=0.2, "share", ""))]
     scatter: f64,
     /// Steps of the simulation, taken in turn
     #[arg(long, value_name = "TIMES", value_delimiter = ',', default_values = ["0.1ms", "0.05ms"], value_parser = parse_step)]
@@ -121,18 +121,6 @@ struct Range {
     high: f64,
 }
 
-fn parse_first_step(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.001..=0.5, "share", "")
-}
-
-fn parse_widen(text: &str) -> Result<f64, String> {
-    parse_within(text, 1.0..=WIDEST, "number", "")
-}
-
-/// Runs the command.
-///
-/// # Errors
-/// When the model or a table is refused, the search was interrupted, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let goals = goals(args)?;
     let (fitted, held) = split(goals, &args.hold_out)?;
@@ -156,8 +144,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (judged, walked) = judge(args, &settings, &model, &held)?;
     print(&format!("\n{judged}"))?;
     let path = args.out.join("calibrated.toml");
-    write_model(&path, &model, &origin(args, &judged))
-        .map_err(|error| Error::Write { path: path.clone(), error })?;
+    write_model(&path, &model, &origin(args, &judged)).map_err(Error::write(&path))?;
     let figure = course(&so_far.history).write(&args.out, "calibration")?;
     print(&format!("\nmodel   {}\nfigure  {}\n", path.display(), figure.png.display()))?;
     let measured: Vec<(Measured, Cell)> = walked
@@ -210,14 +197,14 @@ fn goals(args: &Args) -> Result<Vec<Goal>, Error> {
 fn split(goals: Vec<Goal>, hold_out: &[usize]) -> Result<(Vec<Goal>, Vec<Goal>), Error> {
     let rows = goals.len();
     if let Some(row) = hold_out.iter().find(|row| !(1..=rows).contains(row)) {
-        return Err(Error::refused(format!(
+        return Err(Error::usage(format!(
             "there is no row {row} to hold out: rows are 1 to {rows}"
         )));
     }
     let (held, fitted): (Vec<_>, Vec<_>) =
         goals.into_iter().enumerate().partition(|(index, _)| hold_out.contains(&(index + 1)));
     if fitted.is_empty() {
-        return Err(Error::refused("all rows are held out: leave some to fit"));
+        return Err(Error::usage("all rows are held out: leave some to fit"));
     }
     let goals = |rows: Vec<(usize, Goal)>| rows.into_iter().map(|(_, goal)| goal).collect();
     Ok((goals(fitted), goals(held)))

@@ -48,15 +48,11 @@ struct Report {
     pass: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, a run fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
     require_walker(&model)?;
     let study = Controllers {
-        table: shipped_table(&args.model.model).map_err(Error::refused)?,
+        table: shipped_table(&args.model.model).map_err(Error::usage)?,
         experience: Arc::new(load_experience(args.experience.as_deref())?),
         model,
         robots: args.robots,

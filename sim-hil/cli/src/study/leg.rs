@@ -1,6 +1,6 @@
 //! `flix-sim study leg`: stiffness and damping of one leg from release tests.
 
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -32,10 +32,10 @@ pub struct Args {
     #[arg(long, value_name = "CSV")]
     measured: Option<PathBuf>,
     /// Load whose weight pulls at the distal end before the release, g
-    #[arg(long, value_name = "G", default_value_t = 1e3 * Setup::PAPER.load_kg, value_parser = parse_load)]
+    #[arg(long, value_name = "G", default_value_t = 1e3 * Setup::PAPER.load_kg, value_parser = within(1.0..=5000.0, "load", " g"))]
     load_g: f64,
     /// Where the load is attached: distance from the beam's axis, to the left seen along the pull, mm
-    #[arg(long, value_name = "MM", default_value_t = 1e3 * Setup::PAPER.lever_m, value_parser = parse_lever, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM", default_value_t = 1e3 * Setup::PAPER.lever_m, value_parser = within(-100.0..=100.0, "lever", " mm"), allow_hyphen_values = true)]
     lever_mm: f64,
     /// How the beam is clamped: level, or hanging down
     #[arg(long, value_enum, default_value_t = Setup::PAPER.gravity)]
@@ -44,16 +44,16 @@ pub struct Args {
     #[arg(long)]
     foot: bool,
     /// Pictures a second of the simulated tests
-    #[arg(long, value_name = "HZ", default_value_t = Setup::PAPER.rate_hz, value_parser = parse_rate)]
+    #[arg(long, value_name = "HZ", default_value_t = Setup::PAPER.rate_hz, value_parser = within(50.0..=10_000.0, "rate", " Hz"))]
     rate: f64,
     /// Releases at each angle of the simulated tests
     #[arg(long, value_name = "N", default_value_t = Setup::PAPER.repeats as u64, value_parser = whole::<u64>(1..=1000))]
     repeats: u64,
     /// Noise of the simulated tests, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.1, value_parser = parse_noise)]
+    #[arg(long, value_name = "MM", default_value_t = 0.1, value_parser = within(0.0..=10.0, "noise", ""))]
     noise_mm: f64,
     /// Noise of the simulated tests, degrees
-    #[arg(long, value_name = "DEG", default_value_t = 0.3, value_parser = parse_noise)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.3, value_parser = within(0.0..=10.0, "noise", ""))]
     noise_deg: f64,
     /// Seed of the noise and of the search
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
@@ -66,22 +66,6 @@ pub struct Args {
     json: bool,
 }
 
-fn parse_load(text: &str) -> Result<f64, String> {
-    parse_within(text, 1.0..=5000.0, "load", " g")
-}
-
-fn parse_rate(text: &str) -> Result<f64, String> {
-    parse_within(text, 50.0..=10_000.0, "rate", " Hz")
-}
-
-fn parse_lever(text: &str) -> Result<f64, String> {
-    parse_within(text, -100.0..=100.0, "lever", " mm")
-}
-
-fn parse_noise(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.0..=10.0, "noise", "")
-}
-
 #[derive(Debug, Serialize)]
 struct Report {
     #[serde(flatten)]
@@ -90,10 +74,6 @@ struct Report {
     truth: Option<Stiffness>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model or the table is refused, or the leg cannot bear the load.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let setup = Setup {
         gravity: args.gravity,
@@ -125,8 +105,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     }
     print(&text(&report))?;
     let path = args.out.join("tests.csv");
-    write_whole(&path, to_csv(&tests).as_bytes())
-        .map_err(|error| Error::Write { path: path.clone(), error })?;
+    write_whole(&path, to_csv(&tests).as_bytes()).map_err(Error::write(&path))?;
     let fit = rig.simulate(found.values, &tests)?;
     let figure = figure(&tests, &fit, &report).write(&args.out, "leg")?;
     print(&format!("\ntests   {}\nfigure  {}\n", path.display(), figure.png.display()))?;

@@ -21,10 +21,6 @@ pub struct Args {
     out: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When slices are missing, twice, or of something else.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let table = flix_study::merge(&args.files)?;
     let beside = args.files.first().and_then(|file| file.parent()).map(PathBuf::from);

@@ -81,10 +81,6 @@ impl PairRow {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.sweep.model()?;
     let variants = vec![Variant { name: "baseline".to_owned(), model }];
@@ -198,7 +194,7 @@ fn tracks(sweep: &Sweep) -> Result<Track, Error> {
         .par_iter()
         .map(|mode| {
             let what = Walk {
-                shaking: Shaking::new(mode.f_hz, mode.theta_deg).map_err(Error::refused)?,
+                shaking: Shaking::new(mode.f_hz, mode.theta_deg).map_err(Error::usage)?,
                 seconds: sweep.seconds,
                 drive: sweep.drive,
                 step: sweep.step,

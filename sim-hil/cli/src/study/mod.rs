@@ -1,22 +1,22 @@
 //! `flix-sim study`: the paper's studies, one command each.
 
-pub mod actuation;
-pub mod all;
-pub mod calibrate;
-pub mod controllers;
-pub mod leg;
-pub mod merge;
-pub mod mobility;
+mod actuation;
+mod all;
+mod calibrate;
+mod controllers;
+mod leg;
+mod merge;
+mod mobility;
 mod options;
-pub mod select;
-pub mod sensitivity;
-pub mod sysid;
+mod select;
+mod sensitivity;
+mod sysid;
 
 use std::process::ExitCode;
 
 use clap::Subcommand;
 
-pub use self::options::{RunArgs, SweepArgs, listen};
+pub(crate) use self::options::RunArgs;
 use super::error::Error;
 
 /// Repeat the paper's studies, one command each
@@ -50,10 +50,6 @@ enum Command {
     All(all::Args),
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// As the study says.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     run_command(&args.command)
 }

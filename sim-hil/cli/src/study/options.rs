@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::message::MAXIMUM_FREQUENCY;
-use flix_shell::number::{parse_within, whole};
+use flix_shell::number::{whole, within};
 
 use crate::arguments::{PaperModelArgs, parse_step, parse_time};
 use crate::error::Error;
@@ -18,15 +18,12 @@ use flix_study::sweep::{Sweep, Variant, grid_of};
 use flix_study::{Earlier, Options, figure};
 
 /// Returns the rows of a study's table that can be judged, and says which simulations failed.
-///
-/// # Errors
-/// When all of them failed.
 pub(super) fn judged(table: &Table) -> Result<Table, Error> {
     let (succeeded, failures) = table.succeeded();
     let Some(first) = failures.first() else { return Ok(succeeded) };
     let (failed, all) = (failures.len(), table.rows.len());
     if failed == all {
-        return Err(Error::refused(format!("all {all} simulations failed, the first: {first}")));
+        return Err(Error::usage(format!("all {all} simulations failed, the first: {first}")));
     }
     complain(format!(
         "{failed} of {all} simulations failed and are left out of figures and verdicts; the table says why in its column failure. \
@@ -66,7 +63,6 @@ pub struct RunArgs {
 
 impl RunArgs {
     /// Returns where this study is kept, by default below `root`.
-    #[must_use]
     pub fn folder_below(&self, root: &Path, study: &dyn Study) -> PathBuf {
         self.out.clone().unwrap_or_else(|| {
             // The hash distinguishes what the label does not.
@@ -77,15 +73,11 @@ impl RunArgs {
     }
 
     /// Returns where a study of the paper's is kept.
-    #[must_use]
     pub fn folder(&self, study: &dyn Study) -> PathBuf {
         self.folder_below(&Path::new("out/study").join(study.name()), study)
     }
 
     /// Computes what is missing of the slice.
-    ///
-    /// # Errors
-    /// When the study did not end; finished cells are kept.
     pub fn compute(&self, study: &dyn Study, folder: &Path) -> Result<Table, Error> {
         let options = Options {
             folder: folder.to_owned(),
@@ -113,9 +105,6 @@ impl RunArgs {
     }
 
     /// Computes what is missing of the slice. None, after saying what is next, when that is not the whole.
-    ///
-    /// # Errors
-    /// When the study did not end; finished cells are kept.
     pub fn run(&self, study: &dyn Study) -> Result<Option<Table>, Error> {
         let folder = self.folder(study);
         let table = self.compute(study, &folder)?;
@@ -128,11 +117,8 @@ impl RunArgs {
 }
 
 /// Listens for Ctrl-C.
-///
-/// # Errors
-/// When the system refuses.
 pub fn listen() -> Result<Interrupt, Error> {
-    Interrupt::listen().map_err(|error| Error::refused(format!("cannot listen to Ctrl-C: {error}")))
+    Interrupt::listen().map_err(|error| Error::usage(format!("cannot listen to Ctrl-C: {error}")))
 }
 
 /// How the robot is walked in a study.
@@ -157,13 +143,13 @@ pub struct SweepArgs {
     #[arg(long, value_name = "TIME", default_value = "0.1ms", value_parser = parse_step)]
     pub step: Duration,
     /// Scatter every number of the model by this share, anew for each seed, for example 0.02
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = parse_scatter)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = within(0.0..=0.2, "share", ""))]
     pub scatter: f64,
     /// Frequencies of the grid, Hz, -120 to 120; above 35 with the ideal drive [default: -35,-30,-20,-10,10,20,30,35]
-    #[arg(long, value_name = "HZ", value_delimiter = ',', allow_hyphen_values = true, value_parser = parse_frequency)]
+    #[arg(long, value_name = "HZ", value_delimiter = ',', allow_hyphen_values = true, value_parser = within(-Shaking::FASTEST_HZ..=Shaking::FASTEST_HZ, "frequency", " Hz"))]
     pub frequencies: Vec<f64>,
     /// Directions of the grid, degrees, -90 to 90 [default: -90,-60,-30,0,30,60,90]
-    #[arg(long, value_name = "DEG", value_delimiter = ',', allow_hyphen_values = true, value_parser = parse_direction)]
+    #[arg(long, value_name = "DEG", value_delimiter = ',', allow_hyphen_values = true, value_parser = within(-90.0..=90.0, "direction", " degrees"))]
     pub directions: Vec<f64>,
     /// Read f and theta as the paper's equations state them (left, counter-clockwise), not its text
     #[arg(long)]
@@ -176,31 +162,15 @@ pub struct SweepArgs {
     pub run: RunArgs,
 }
 
-fn parse_frequency(text: &str) -> Result<f64, String> {
-    parse_within(text, -Shaking::FASTEST_HZ..=Shaking::FASTEST_HZ, "frequency", " Hz")
-}
-
-fn parse_direction(text: &str) -> Result<f64, String> {
-    parse_within(text, -90.0..=90.0, "direction", " degrees")
-}
-
-/// A share by which numbers may scatter.
-pub(super) fn parse_scatter(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.0..=0.2, "share", "")
-}
-
 impl SweepArgs {
     /// Returns the model, which has to walk as the options ask.
-    ///
-    /// # Errors
-    /// When it is refused or has no legs, or the firmware is to shake faster than it can.
     pub fn model(&self) -> Result<RobotModel, Error> {
         let model = self.model.load()?;
         require_walker(&model)?;
         let fastest = f64::from(MAXIMUM_FREQUENCY.get());
         let too_fast = self.frequencies.iter().find(|f| f.abs() > fastest);
         if let Some(f) = too_fast.filter(|_| self.drive == WalkDrive::Firmware) {
-            return Err(Error::refused(format!(
+            return Err(Error::usage(format!(
                 "--frequencies {f}: the firmware shakes at up to {fastest} Hz; take --drive ideal"
             )));
         }
@@ -208,7 +178,6 @@ impl SweepArgs {
     }
 
     /// Returns the pairs of the grid.
-    #[must_use]
     pub fn grid(&self) -> Vec<(f64, f64)> {
         let or = |given: &[f64], usual: &[f64]| {
             if given.is_empty() { usual.to_vec() } else { given.to_vec() }
@@ -217,7 +186,6 @@ impl SweepArgs {
     }
 
     /// Returns the walks of these variants.
-    #[must_use]
     pub fn sweep(
         &self,
         name: &'static str,

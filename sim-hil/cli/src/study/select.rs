@@ -1,6 +1,6 @@
 //! `flix-sim study select`: which pairs to steer with, and what the paper says about robustness.
 
-use flix_shell::number::parse_within;
+use flix_shell::number::within;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -47,7 +47,7 @@ pub struct Args {
     #[command(flatten)]
     sweep: SweepArgs,
     /// Least speed of a mode, 0 to 10 m/s, yaw rates times 0.1 m
-    #[arg(long, value_name = "SPEED", default_value_t = LEAST_SPEED, value_parser = parse_speed)]
+    #[arg(long, value_name = "SPEED", default_value_t = LEAST_SPEED, value_parser = within(0.0..=10.0, "speed", " m/s"))]
     least: f64,
     /// File of the mode table [default: modes.toml beside the figure]
     #[arg(long, value_name = "FILE")]
@@ -58,10 +58,6 @@ pub struct Args {
     /// Print selection and claims as JSON only; draw no figure, write no mode table
     #[arg(long, conflicts_with_all = ["statements", "modes"])]
     json: bool,
-}
-
-fn parse_speed(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.0..=10.0, "speed", " m/s")
 }
 
 /// A row of the paper's table IV, and what the robot makes of it.
@@ -137,13 +133,9 @@ struct Report {
 
 type Kinds = Vec<(&'static str, Vec<Candidate>)>;
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if args.sweep.run.shard != Shard::WHOLE {
-        return Err(Error::refused(
+        return Err(Error::usage(
             "select needs all walks: shard `study sensitivity` instead, then merge",
         ));
     }
@@ -153,7 +145,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         let mut run = args.sweep.run.clone();
         run.out = run.out.map(|folder| folder.join(name));
         let folder = run.folder(&sweep);
-        let table = run.run(&sweep)?.ok_or_else(|| Error::refused("not all walks are there"))?;
+        let table = run.run(&sweep)?.ok_or_else(|| Error::usage("not all walks are there"))?;
         Ok((cells(&table), folder))
     };
     let (mass, folder) = walked(Change::Mass, "mass")?;
@@ -197,7 +189,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             "none: no pair up to 35 Hz makes a mode".to_owned()
         }
         table => {
-            table.and_then(|table| table.save(&path)).map_err(Error::refused)?;
+            table.and_then(|table| table.save(&path)).map_err(Error::usage)?;
             path.display().to_string()
         }
     };

@@ -22,7 +22,6 @@ pub struct Args {
 }
 
 /// Returns the walks of one change.
-#[must_use]
 pub fn sweep(args: &SweepArgs, model: &RobotModel, change: Change) -> Sweep {
     let name = match change {
         Change::Mass => "sensitivity-mass",
@@ -31,10 +30,6 @@ pub fn sweep(args: &SweepArgs, model: &RobotModel, change: Change) -> Sweep {
     args.sweep(name, variants(model, change), args.grid())
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the model is refused, a walk fails, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let sweep = sweep(&args.sweep, &args.sweep.model()?, args.change);
     if let Some(table) = args.sweep.run.run(&sweep)? {

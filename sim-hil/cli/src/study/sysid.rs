@@ -48,10 +48,6 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the plan or a file is refused, or files cannot be written.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     match &args.data {
         Some(folder) => one(args, folder),
@@ -67,14 +63,10 @@ fn one(args: &Args, folder: &Path) -> Result<ExitCode, Error> {
     bar.finish_and_clear();
     let out = args.out.as_deref().unwrap_or(folder);
     let from = folder.display().to_string();
-    let failed = |path: &Path| {
-        let path = path.to_owned();
-        move |error| Error::Write { path, error }
-    };
     let (model, page) = (out.join("identified.toml"), out.join("report.html"));
     write_model(&model, &found.model, &report::origin(&found, &args.model.model, &from))
-        .map_err(failed(&model))?;
-    write_whole(&page, report::html(&found, &from).as_bytes()).map_err(failed(&page))?;
+        .map_err(Error::write(&model))?;
+    write_whole(&page, report::html(&found, &from).as_bytes()).map_err(Error::write(&page))?;
     if args.json {
         return print_figures(&found, true, true, String::new);
     }

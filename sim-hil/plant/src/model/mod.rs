@@ -323,6 +323,20 @@ pub struct RobotModel {
     pub load: Vec<Load>,
 }
 
+/// Adds fields, each with its allowed range and the range of random robots.
+macro_rules! parameters {
+    (@drawn) => { None };
+    (@drawn $from:literal $until:literal) => { Some([$from, $until]) };
+    ($add:ident, $prefix:expr, $of:expr; $($field:ident: $low:literal to $high:literal $(, $from:literal to $until:literal)?;)*) => {
+        $($add(
+            format!("{}{}", $prefix, stringify!($field)),
+            &mut $of.$field,
+            [$low, $high],
+            parameters!(@drawn $($from $until)?),
+        );)*
+    };
+}
+
 impl RobotModel {
     /// Reads and checks a model.
     ///
@@ -361,7 +375,13 @@ impl RobotModel {
     /// # Errors
     /// [`ModelError::OutOfRange`] or [`ModelError::Impossible`] for the first bad key.
     pub fn check(&self) -> Result<(), ModelError> {
-        for (key, value, low, high) in self.bounds() {
+        let mut copy = self.clone();
+        let parameters = copy.parameters().into_iter();
+        let mut bounds: Vec<_> = parameters.map(|it| (it.key, *it.value, it.allowed)).collect();
+        self.electrical.bounds(&mut |key, value, low, high| {
+            bounds.push((key.to_owned(), value, [low, high]));
+        });
+        for (key, value, [low, high]) in bounds {
             if !(low..=high).contains(&value) {
                 return Err(ModelError::OutOfRange { key, value, low, high });
             }
@@ -445,64 +465,133 @@ impl RobotModel {
         Ok(())
     }
 
-    /// Every bounded value: key, value, lowest, highest.
-    fn bounds(&self) -> Vec<(String, f64, f64, f64)> {
+    /// Returns every number of the mechanics by its key in a file of the model.
+    pub fn parameters(&mut self) -> Vec<Parameter<'_>> {
         let mut all = Vec::new();
-        let mut add = |key: &str, value: f64, low: f64, high: f64| {
-            all.push((key.to_owned(), value, low, high));
+        let mut add = |key: String, value, allowed, drawn| {
+            all.push(Parameter { key, value, allowed, drawn });
         };
-        if let Base::Planar { damping_n_s_m, yaw_damping_n_m_s } = self.base {
-            add("base.damping_n_s_m", damping_n_s_m, 0.0, 100.0);
-            add("base.yaw_damping_n_m_s", yaw_damping_n_m_s, 0.0, 10.0);
+        if let Base::Planar { damping_n_s_m, yaw_damping_n_m_s } = &mut self.base {
+            add("base.damping_n_s_m".to_owned(), damping_n_s_m, [0.0, 100.0], None);
+            add("base.yaw_damping_n_m_s".to_owned(), yaw_damping_n_m_s, [0.0, 10.0], None);
         }
-        add("body.total_mass_g", self.body.total_mass_g, 150.0, 2000.0);
-        add("body.offset_x_mm", self.body.offset_x_mm, -30.0, 30.0);
-        add("body.offset_y_mm", self.body.offset_y_mm, -30.0, 30.0);
-        add("plate.length_mm", self.plate.length_mm, 10.0, 1000.0);
-        add("plate.width_mm", self.plate.width_mm, 10.0, 1000.0);
-        add("plate.thickness_mm", self.plate.thickness_mm, 0.1, 50.0);
-        add("plate.mass_g", self.plate.mass_g, 0.0, 1000.0);
-        for (name, block) in [("battery", &self.battery), ("electronics", &self.electronics)] {
-            add(&format!("{name}.mass_g"), block.mass_g, 0.0, 1000.0);
-            add(&format!("{name}.x_mm"), block.x_mm, -200.0, 200.0);
-            add(&format!("{name}.y_mm"), block.y_mm, -200.0, 200.0);
-            add(&format!("{name}.z_mm"), block.z_mm, -100.0, 200.0);
-            for (axis, size) in ["x", "y", "z"].iter().zip(block.size_mm) {
-                add(&format!("{name}.size_mm ({axis})"), size, 0.0, 200.0);
+        parameters! { add, "body.", self.body;
+            total_mass_g: 150.0 to 2000.0, 280.0 to 450.0;
+            offset_x_mm: -30.0 to 30.0, -5.0 to 5.0;
+            offset_y_mm: -30.0 to 30.0, -5.0 to 5.0;
+        }
+        parameters! { add, "plate.", self.plate;
+            length_mm: 10.0 to 1000.0, 200.0 to 240.0;
+            width_mm: 10.0 to 1000.0, 100.0 to 140.0;
+            thickness_mm: 0.1 to 50.0, 2.0 to 5.0;
+            mass_g: 0.0 to 1000.0, 10.0 to 25.0;
+        }
+        for (name, block, x) in [
+            ("battery", &mut self.battery, [60.0, 90.0]),
+            ("electronics", &mut self.electronics, [-60.0, -90.0]),
+        ] {
+            parameters!(add, format_args!("{name}."), block; mass_g: 0.0 to 1000.0, 20.0 to 40.0;);
+            add(format!("{name}.x_mm"), &mut block.x_mm, [-200.0, 200.0], Some(x));
+            parameters! { add, format_args!("{name}."), block;
+                y_mm: -200.0 to 200.0, -10.0 to 10.0;
+                z_mm: -100.0 to 200.0, -5.0 to 10.0;
+            }
+            for (axis, size) in ["x", "y", "z"].iter().zip(&mut block.size_mm) {
+                add(format!("{name}.size_mm ({axis})"), size, [0.0, 200.0], Some([15.0, 45.0]));
             }
         }
-        add("core.x_mm", self.core.x_mm, -100.0, 100.0);
-        add("core.z_mm", self.core.z_mm, -100.0, 200.0);
-        for (axis, size) in ["x", "y", "z"].iter().zip(self.core.size_mm) {
-            add(&format!("core.size_mm ({axis})"), size, 0.0, 200.0);
+        parameters! { add, "core.", self.core;
+            x_mm: -100.0 to 100.0, -10.0 to 10.0;
+            z_mm: -100.0 to 200.0, 0.0 to 40.0;
         }
-        add("shaker.mass_g", self.shaker.mass_g, 0.1, 100.0);
-        add("shaker.arm_mm", self.shaker.arm_mm, 1.0, 100.0);
-        add("shaker.spacing_mm", self.shaker.spacing_mm, 0.0, 100.0);
-        add("shaker.z_mm", self.shaker.z_mm, -50.0, 100.0);
-        add("shaker.bell_inertia_g_cm2", self.shaker.bell_inertia_g_cm2, 0.0, 1000.0);
-        if let Some(legs) = &self.legs {
-            legs.bounds(&mut add);
+        for (axis, size) in ["x", "y", "z"].iter().zip(&mut self.core.size_mm) {
+            add(format!("core.size_mm ({axis})"), size, [0.0, 200.0], Some([30.0, 60.0]));
         }
-        self.electrical.bounds(&mut add);
-        let c = &self.contact;
-        add("contact.stiffness_n_per_m", c.stiffness_n_per_m, 100.0, 1e6);
-        add("contact.damping_n_s_per_m", c.damping_n_s_per_m, 1.0, 1e5);
-        add("contact.impedance_touch", c.impedance_touch, 0.1, 0.999);
-        add("contact.impedance_full", c.impedance_full, 0.1, 0.999);
-        add("contact.impedance_width_mm", c.impedance_width_mm, 0.01, 50.0);
-        add("contact.torsional_friction_mm", c.torsional_friction_mm, 0.0, 100.0);
-        add("contact.rolling_friction_mm", c.rolling_friction_mm, 0.0, 100.0);
-        add("contact.slope_deg", c.slope_deg, 0.0, 30.0);
-        add("contact.downhill_deg", c.downhill_deg, -360.0, 360.0);
-        for (i, load) in self.load.iter().enumerate() {
-            add(&format!("load[{i}].mass_g"), load.mass_g, 0.0, 2000.0);
-            add(&format!("load[{i}].x_mm"), load.x_mm, -300.0, 300.0);
-            add(&format!("load[{i}].y_mm"), load.y_mm, -300.0, 300.0);
-            add(&format!("load[{i}].z_mm"), load.z_mm, -300.0, 300.0);
+        parameters! { add, "shaker.", self.shaker;
+            mass_g: 0.1 to 100.0, 8.0 to 14.0;
+            arm_mm: 1.0 to 100.0, 20.0 to 30.0;
+            spacing_mm: 0.0 to 100.0, 15.0 to 35.0;
+            z_mm: -50.0 to 100.0, 0.0 to 22.0;
+            bell_inertia_g_cm2: 0.0 to 1000.0, 0.0 to 40.0;
+        }
+        if let Some(legs) = &mut self.legs {
+            parameters! { add, "legs.", legs;
+                root_x_mm: 10.0 to 300.0, 90.0 to 115.0;
+                root_y_mm: 10.0 to 300.0, 46.0 to 60.0;
+                length_mm: 10.0 to 300.0, 40.0 to 60.0;
+                width_mm: 1.0 to 100.0, 15.0 to 25.0;
+                thickness_mm: 0.1 to 50.0, 2.0 to 4.0;
+                mass_g: 0.3 to 200.0, 2.5 to 6.0;
+                hinge_deg: -180.0 to 180.0, -90.0 to 90.0;
+            }
+            let drawn = [[-15.0, 15.0], [25.0, 60.0], [25.0, 60.0]];
+            for (i, (twist, drawn)) in legs.twist_deg.iter_mut().zip(drawn).enumerate() {
+                add(format!("legs.twist_deg[{i}]"), twist, [-180.0, 180.0], Some(drawn));
+            }
+            parameters! { add, "legs.", legs;
+                bend_stiffness_n_m_rad: 0.01 to 100.0, 0.9 to 2.0;
+                twist_stiffness_n_m_rad: 0.01 to 100.0, 1.2 to 3.0;
+                bend_damping_n_m_s_rad: 0.0 to 1.0, 0.002 to 0.006;
+                twist_damping_n_m_s_rad: 0.0 to 1.0, 0.002 to 0.006;
+            }
+            let each = [&mut legs.fl, &mut legs.fr, &mut legs.rl, &mut legs.rr];
+            for (name, leg) in LEGS.iter().zip(each) {
+                parameters! { add, format_args!("legs.{name}."), leg;
+                    twist_hand: -1.0 to 1.0, -1.0 to 1.0;
+                    friction: 0.01 to 3.0, 0.3 to 1.0;
+                    bend_stiffness_factor: 0.1 to 10.0, 0.8 to 1.25;
+                    twist_stiffness_factor: 0.1 to 10.0, 0.8 to 1.25;
+                    bend_damping_factor: 0.0 to 10.0, 0.5 to 1.5;
+                    twist_damping_factor: 0.0 to 10.0, 0.5 to 1.5;
+                    foot_shift_mm: -40.0 to 40.0, -12.0 to 12.0;
+                }
+            }
+            parameters! { add, "legs.foot.", legs.foot;
+                length_mm: 1.0 to 300.0, 60.0 to 90.0;
+                width_mm: 1.0 to 100.0, 4.0 to 10.0;
+                height_mm: 0.5 to 100.0, 4.0 to 12.0;
+                mass_g: 0.0 to 200.0, 2.5 to 6.0;
+            }
+        }
+        parameters! { add, "contact.", self.contact;
+            stiffness_n_per_m: 100.0 to 1e6, 1500.0 to 8000.0;
+            damping_n_s_per_m: 1.0 to 1e5, 40.0 to 90.0;
+            impedance_touch: 0.1 to 0.999, 0.85 to 0.92;
+            impedance_full: 0.1 to 0.999, 0.93 to 0.97;
+            impedance_width_mm: 0.01 to 50.0, 0.5 to 2.0;
+            torsional_friction_mm: 0.0 to 100.0, 1.0 to 8.0;
+            rolling_friction_mm: 0.0 to 100.0, 0.05 to 0.5;
+            slope_deg: 0.0 to 30.0;
+            downhill_deg: -360.0 to 360.0;
+        }
+        for (i, load) in self.load.iter_mut().enumerate() {
+            parameters! { add, format_args!("load[{i}]."), load;
+                mass_g: 0.0 to 2000.0;
+                x_mm: -300.0 to 300.0;
+                y_mm: -300.0 to 300.0;
+                z_mm: -300.0 to 300.0;
+            }
         }
         all
     }
+
+    /// Returns the number of a key; `None` without such a key, as of legs that the model does not have.
+    pub fn parameter(&mut self, key: &str) -> Option<&mut f64> {
+        self.parameters().into_iter().find(|it| it.key == key).map(|it| it.value)
+    }
+}
+
+/// A number of the model. Its unit is the end of its key.
+#[derive(Debug)]
+pub struct Parameter<'a> {
+    /// Path in a file of the model, for example `legs.fl.friction`.
+    pub key: String,
+    /// Value in the model.
+    pub value: &'a mut f64,
+    /// Lowest and highest value that a model may have.
+    pub allowed: [f64; 2],
+    /// Range of random robots; `None` for parameters that are not drawn.
+    pub(crate) drawn: Option<[f64; 2]>,
 }
 
 /// Sign of x and y of each leg's root.
@@ -515,39 +604,5 @@ impl Foot {
             FootAxis::Across => (self.width_mm, self.length_mm),
             FootAxis::Along => (self.length_mm, self.width_mm),
         }
-    }
-}
-
-impl Legs {
-    fn bounds(&self, add: &mut impl FnMut(&str, f64, f64, f64)) {
-        add("legs.root_x_mm", self.root_x_mm, 10.0, 300.0);
-        add("legs.root_y_mm", self.root_y_mm, 10.0, 300.0);
-        add("legs.length_mm", self.length_mm, 10.0, 300.0);
-        add("legs.width_mm", self.width_mm, 1.0, 100.0);
-        add("legs.thickness_mm", self.thickness_mm, 0.1, 50.0);
-        add("legs.mass_g", self.mass_g, 0.3, 200.0);
-        add("legs.hinge_deg", self.hinge_deg, -180.0, 180.0);
-        for (i, twist) in self.twist_deg.iter().enumerate() {
-            add(&format!("legs.twist_deg[{i}]"), *twist, -180.0, 180.0);
-        }
-        add("legs.bend_stiffness_n_m_rad", self.bend_stiffness_n_m_rad, 0.01, 100.0);
-        add("legs.twist_stiffness_n_m_rad", self.twist_stiffness_n_m_rad, 0.01, 100.0);
-        add("legs.bend_damping_n_m_s_rad", self.bend_damping_n_m_s_rad, 0.0, 1.0);
-        add("legs.twist_damping_n_m_s_rad", self.twist_damping_n_m_s_rad, 0.0, 1.0);
-        for (name, leg) in LEGS.iter().zip(self.each()) {
-            let mut add =
-                |key: &str, v, low, high| add(&format!("legs.{name}.{key}"), v, low, high);
-            add("twist_hand", leg.twist_hand, -1.0, 1.0);
-            add("friction", leg.friction, 0.01, 3.0);
-            add("bend_stiffness_factor", leg.bend_stiffness_factor, 0.1, 10.0);
-            add("twist_stiffness_factor", leg.twist_stiffness_factor, 0.1, 10.0);
-            add("bend_damping_factor", leg.bend_damping_factor, 0.0, 10.0);
-            add("twist_damping_factor", leg.twist_damping_factor, 0.0, 10.0);
-            add("foot_shift_mm", leg.foot_shift_mm, -40.0, 40.0);
-        }
-        add("legs.foot.length_mm", self.foot.length_mm, 1.0, 300.0);
-        add("legs.foot.width_mm", self.foot.width_mm, 1.0, 100.0);
-        add("legs.foot.height_mm", self.foot.height_mm, 0.5, 100.0);
-        add("legs.foot.mass_g", self.foot.mass_g, 0.0, 200.0);
     }
 }

@@ -6,10 +6,7 @@
 //! The **errors** are the paper's set X (equation 2): per leg four factors and the friction, the body's mass and its
 //! two offsets, each relative to what the model had.
 
-use flix_sim::model::{LEGS, Leg, Legs, RobotModel};
-
-type Read = fn(&RobotModel, usize) -> f64;
-type Write = fn(&mut RobotModel, usize, f64);
+use flix_sim::model::{LEGS, Legs, RobotModel};
 
 /// One number of the model that a search may choose.
 #[derive(Clone)]
@@ -20,13 +17,22 @@ pub struct Unknown {
     pub low: f64,
     /// Highest value searched.
     pub high: f64,
-    /// Value of a model that is not yet changed.
-    read: Read,
-    /// Changes a model.
-    write: Write,
-    /// The leg, for what legs have of their own.
-    leg: usize,
+    effect: Effect,
 }
+
+/// How the value of an unknown changes a model.
+#[derive(Clone)]
+enum Effect {
+    /// Sets each of these parameters to the value times its unit.
+    Set(&'static [(&'static str, f64)]),
+    /// Multiplies a parameter by the value.
+    Times(String),
+    /// Adds the value to a parameter.
+    Plus(&'static str),
+    /// Sets by what share the legs of a pattern are stiffer than the mean.
+    Share(Pattern, [f64; 2]),
+}
+use Effect::{Plus, Set, Share, Times};
 
 /// The numbers that a calibration fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -43,7 +49,12 @@ pub enum Fit {
 
 /// Single-leg stiffness and damping before the whole robot is calibrated (paper, section II-C, S*):
 /// bend and twist in N m/rad, bend and twist in N m s/rad.
-const IDENTIFIED: [f64; 4] = [1.062_072, 2.212_09, 0.0024, 0.001_83];
+static IDENTIFIED: [(&str, f64); 4] = [
+    ("legs.bend_stiffness_n_m_rad", 1.062_072),
+    ("legs.twist_stiffness_n_m_rad", 2.212_09),
+    ("legs.bend_damping_n_m_s_rad", 0.0024),
+    ("legs.twist_damping_n_m_s_rad", 0.001_83),
+];
 
 /// What the paper does not publish, with wider ranges than the open choices have, as stiffness and friction are given. The
 /// shares of stiffness are a reading of equation 2's errors of stiffness, of which the paper publishes no value.
@@ -69,26 +80,37 @@ const UNPUBLISHED: [(&str, f64, f64); 19] = [
     ("diagonal_bend_share", -0.2, 0.2),
 ];
 
+/// Only models with legs are calibrated.
+const HAS_LEGS: &str = "a model without legs is refused before";
+
 fn legs(model: &RobotModel) -> &Legs {
-    model.legs.as_ref().expect("only models with legs are calibrated")
+    model.legs.as_ref().expect(HAS_LEGS)
 }
 
-fn legs_mut(model: &mut RobotModel) -> &mut Legs {
-    model.legs.as_mut().expect("only models with legs are calibrated")
+fn parameter<'a>(model: &'a mut RobotModel, key: &str) -> &'a mut f64 {
+    model.parameter(key).expect(HAS_LEGS)
 }
 
-fn pair_mut(model: &mut RobotModel, rear: bool) -> [&mut Leg; 2] {
-    let [fl, fr, rl, rr] = legs_mut(model).each_mut();
-    if rear { [rl, rr] } else { [fl, fr] }
-}
+impl Effect {
+    /// Returns the value of a model that is not yet changed.
+    fn read(&self, model: &mut RobotModel) -> f64 {
+        match self {
+            Set(keys) => *parameter(model, keys[0].0) / keys[0].1,
+            Times(_) => 1.0,
+            Plus(_) => 0.0,
+            Share(pattern, kind) => share(model, *pattern, *kind),
+        }
+    }
 
-fn leg_mut(model: &mut RobotModel, leg: usize) -> &mut Leg {
-    let [fl, fr, rl, rr] = legs_mut(model).each_mut();
-    match leg {
-        0 => fl,
-        1 => fr,
-        2 => rl,
-        _ => rr,
+    fn write(&self, model: &mut RobotModel, value: f64) {
+        match self {
+            Set(keys) => {
+                keys.iter().for_each(|(key, unit)| *parameter(model, key) = value * unit);
+            }
+            Times(key) => *parameter(model, key) *= value,
+            Plus(key) => *parameter(model, key) += value,
+            Share(pattern, kind) => set_share(model, *pattern, *kind, value),
+        }
     }
 }
 
@@ -124,154 +146,53 @@ pub fn unknowns(fit: Fit, widen: f64) -> Vec<Unknown> {
 
 /// What the paper leaves open.
 fn open() -> Vec<Unknown> {
-    let table: [(&str, f64, f64, Read, Write); 19] = [
-        ("hinge_deg", -80.0, -60.0, |m, _| legs(m).hinge_deg, |m, _, v| legs_mut(m).hinge_deg = v),
-        ("rotor_z_mm", 15.0, 22.0, |m, _| m.shaker.z_mm, |m, _, v| m.shaker.z_mm = v),
-        ("core_x_mm", 5.0, 12.0, |m, _| m.core.x_mm, |m, _, v| m.core.x_mm = v),
-        ("core_z_mm", 30.0, 45.0, |m, _| m.core.z_mm, |m, _, v| m.core.z_mm = v),
-        (
-            "battery_z_mm",
-            -2.0,
-            10.0,
-            |m, _| m.battery.z_mm,
-            |m, _, v| (m.battery.z_mm, m.electronics.z_mm) = (v, v),
-        ),
-        (
-            "contact_stiffness_n_per_m",
-            4000.0,
-            7600.0,
-            |m, _| m.contact.stiffness_n_per_m,
-            |m, _, v| m.contact.stiffness_n_per_m = v,
-        ),
-        (
-            "contact_damping_n_s_per_m",
-            50.0,
-            95.0,
-            |m, _| m.contact.damping_n_s_per_m,
-            |m, _, v| m.contact.damping_n_s_per_m = v,
-        ),
-        (
-            "friction_front",
-            0.6,
-            0.8,
-            |m, _| legs(m).fl.friction,
-            |m, _, v| pair_mut(m, false).into_iter().for_each(|leg| leg.friction = v),
-        ),
-        (
-            "friction_rear",
-            0.6,
-            0.8,
-            |m, _| legs(m).rl.friction,
-            |m, _, v| pair_mut(m, true).into_iter().for_each(|leg| leg.friction = v),
-        ),
-        (
-            "bend_stiffness_factor",
-            1.0,
-            1.2,
-            |m, _| legs(m).bend_stiffness_n_m_rad / IDENTIFIED[0],
-            |m, _, v| legs_mut(m).bend_stiffness_n_m_rad = v * IDENTIFIED[0],
-        ),
-        (
-            "twist_stiffness_factor",
-            0.6,
-            0.8,
-            |m, _| legs(m).twist_stiffness_n_m_rad / IDENTIFIED[1],
-            |m, _, v| legs_mut(m).twist_stiffness_n_m_rad = v * IDENTIFIED[1],
-        ),
-        (
-            "damping_factor",
-            1.5,
-            2.4,
-            |m, _| legs(m).bend_damping_n_m_s_rad / IDENTIFIED[2],
-            |m, _, v| {
-                legs_mut(m).bend_damping_n_m_s_rad = v * IDENTIFIED[2];
-                legs_mut(m).twist_damping_n_m_s_rad = v * IDENTIFIED[3];
-            },
-        ),
-        (
-            "front_stiffness_share",
-            0.1,
-            0.3,
-            |m, _| share(m, Pattern::Front, STIFFNESS),
-            |m, _, v| set_share(m, Pattern::Front, STIFFNESS, v),
-        ),
-        (
-            "foot_mass_g",
-            4.0,
-            5.2,
-            |m, _| legs(m).foot.mass_g,
-            |m, _, v| legs_mut(m).foot.mass_g = v,
-        ),
-        (
-            "foot_height_mm",
-            9.0,
-            11.0,
-            |m, _| legs(m).foot.height_mm,
-            |m, _, v| legs_mut(m).foot.height_mm = v,
-        ),
-        ("root_x_mm", 104.0, 110.0, |m, _| legs(m).root_x_mm, |m, _, v| legs_mut(m).root_x_mm = v),
-        ("root_y_mm", 47.0, 51.0, |m, _| legs(m).root_y_mm, |m, _, v| legs_mut(m).root_y_mm = v),
+    let table: [(&str, f64, f64, Effect); 19] = [
+        ("hinge_deg", -80.0, -60.0, Set(&[("legs.hinge_deg", 1.0)])),
+        ("rotor_z_mm", 15.0, 22.0, Set(&[("shaker.z_mm", 1.0)])),
+        ("core_x_mm", 5.0, 12.0, Set(&[("core.x_mm", 1.0)])),
+        ("core_z_mm", 30.0, 45.0, Set(&[("core.z_mm", 1.0)])),
+        ("battery_z_mm", -2.0, 10.0, Set(&[("battery.z_mm", 1.0), ("electronics.z_mm", 1.0)])),
+        ("contact_stiffness_n_per_m", 4000.0, 7600.0, Set(&[("contact.stiffness_n_per_m", 1.0)])),
+        ("contact_damping_n_s_per_m", 50.0, 95.0, Set(&[("contact.damping_n_s_per_m", 1.0)])),
+        ("friction_front", 0.6, 0.8, Set(&[("legs.fl.friction", 1.0), ("legs.fr.friction", 1.0)])),
+        ("friction_rear", 0.6, 0.8, Set(&[("legs.rl.friction", 1.0), ("legs.rr.friction", 1.0)])),
+        ("bend_stiffness_factor", 1.0, 1.2, Set(&IDENTIFIED[..1])),
+        ("twist_stiffness_factor", 0.6, 0.8, Set(&IDENTIFIED[1..2])),
+        ("damping_factor", 1.5, 2.4, Set(&IDENTIFIED[2..])),
+        ("front_stiffness_share", 0.1, 0.3, Share(Pattern::Front, STIFFNESS)),
+        ("foot_mass_g", 4.0, 5.2, Set(&[("legs.foot.mass_g", 1.0)])),
+        ("foot_height_mm", 9.0, 11.0, Set(&[("legs.foot.height_mm", 1.0)])),
+        ("root_x_mm", 104.0, 110.0, Set(&[("legs.root_x_mm", 1.0)])),
+        ("root_y_mm", 47.0, 51.0, Set(&[("legs.root_y_mm", 1.0)])),
         (
             "foot_shift_front_mm",
             -15.0,
             15.0,
-            |m, _| legs(m).fl.foot_shift_mm,
-            |m, _, v| pair_mut(m, false).into_iter().for_each(|leg| leg.foot_shift_mm = v),
+            Set(&[("legs.fl.foot_shift_mm", 1.0), ("legs.fr.foot_shift_mm", 1.0)]),
         ),
         (
             "foot_shift_rear_mm",
             -15.0,
             15.0,
-            |m, _| legs(m).rl.foot_shift_mm,
-            |m, _, v| pair_mut(m, true).into_iter().for_each(|leg| leg.foot_shift_mm = v),
+            Set(&[("legs.rl.foot_shift_mm", 1.0), ("legs.rr.foot_shift_mm", 1.0)]),
         ),
     ];
-    table
-        .into_iter()
-        .map(|(name, low, high, read, write)| Unknown {
-            name: name.to_owned(),
-            low,
-            high,
-            read,
-            write,
-            leg: 0,
-        })
-        .collect()
+    table.into_iter().map(unknown).collect()
+}
+
+fn unknown((name, low, high, effect): (&str, f64, f64, Effect)) -> Unknown {
+    Unknown { name: name.to_owned(), low, high, effect }
 }
 
 /// How the legs' stiffness differs beyond front and rear: what the paper's X has and publishes no value of.
 fn uneven() -> Vec<Unknown> {
-    let table: [(&str, Read, Write); 4] = [
-        (
-            "left_stiffness_share",
-            |m, _| share(m, Pattern::Left, STIFFNESS),
-            |m, _, v| set_share(m, Pattern::Left, STIFFNESS, v),
-        ),
-        (
-            "diagonal_stiffness_share",
-            |m, _| share(m, Pattern::Diagonal, STIFFNESS),
-            |m, _, v| set_share(m, Pattern::Diagonal, STIFFNESS, v),
-        ),
-        (
-            "front_bend_share",
-            |m, _| share(m, Pattern::Front, BEND_OVER_TWIST),
-            |m, _, v| set_share(m, Pattern::Front, BEND_OVER_TWIST, v),
-        ),
-        (
-            "diagonal_bend_share",
-            |m, _| share(m, Pattern::Diagonal, BEND_OVER_TWIST),
-            |m, _, v| set_share(m, Pattern::Diagonal, BEND_OVER_TWIST, v),
-        ),
+    let table = [
+        ("left_stiffness_share", -0.2, 0.2, Share(Pattern::Left, STIFFNESS)),
+        ("diagonal_stiffness_share", -0.2, 0.2, Share(Pattern::Diagonal, STIFFNESS)),
+        ("front_bend_share", -0.2, 0.2, Share(Pattern::Front, BEND_OVER_TWIST)),
+        ("diagonal_bend_share", -0.2, 0.2, Share(Pattern::Diagonal, BEND_OVER_TWIST)),
     ];
-    let own = |(name, read, write): (&str, Read, Write)| Unknown {
-        name: name.to_owned(),
-        low: -0.2,
-        high: 0.2,
-        read,
-        write,
-        leg: 0,
-    };
-    table.into_iter().map(own).collect()
+    table.map(unknown).into()
 }
 
 /// Two legs against the two others.
@@ -312,7 +233,8 @@ fn share(model: &RobotModel, pattern: Pattern, [bend, twist]: [f64; 2]) -> f64 {
 /// Changes that share; whatever else differs between the legs stays.
 fn set_share(model: &mut RobotModel, pattern: Pattern, [bend, twist]: [f64; 2], value: f64) {
     let change = value - share(model, pattern, [bend, twist]);
-    for (leg, sign) in legs_mut(model).each_mut().into_iter().zip(pattern.signs()) {
+    let legs = model.legs.as_mut().expect(HAS_LEGS);
+    for (leg, sign) in legs.each_mut().into_iter().zip(pattern.signs()) {
         leg.bend_stiffness_factor += change * sign * bend;
         leg.twist_stiffness_factor += change * sign * twist;
     }
@@ -320,48 +242,36 @@ fn set_share(model: &mut RobotModel, pattern: Pattern, [bend, twist]: [f64; 2], 
 
 /// The paper's error set X.
 fn errors() -> Vec<Unknown> {
-    let factors: [(&str, Write); 5] = [
-        ("bend_stiffness", |m, leg, v| leg_mut(m, leg).bend_stiffness_factor *= v),
-        ("twist_stiffness", |m, leg, v| leg_mut(m, leg).twist_stiffness_factor *= v),
-        ("bend_damping", |m, leg, v| leg_mut(m, leg).bend_damping_factor *= v),
-        ("twist_damping", |m, leg, v| leg_mut(m, leg).twist_damping_factor *= v),
-        ("friction", |m, leg, v| leg_mut(m, leg).friction *= v),
+    let factors = [
+        ("bend_stiffness", "bend_stiffness_factor"),
+        ("twist_stiffness", "twist_stiffness_factor"),
+        ("bend_damping", "bend_damping_factor"),
+        ("twist_damping", "twist_damping_factor"),
+        ("friction", "friction"),
     ];
-    let mut all = Vec::new();
-    for (leg, name) in LEGS.iter().enumerate() {
-        all.extend(factors.map(|(what, write)| Unknown {
-            name: format!("{name}_{what}_error"),
+    let of_leg = |leg| {
+        factors.map(|(name, key)| Unknown {
+            name: format!("{leg}_{name}_error"),
             low: 0.8,
             high: 1.2,
-            read: |_, _| 1.0,
-            write,
-            leg,
-        }));
-    }
-    let body: [(&str, f64, f64, f64, Write); 3] = [
-        ("mass_error", 0.95, 1.05, 1.0, |m, _, v| m.body.total_mass_g *= v),
-        ("mass_x_mm", -5.0, 5.0, 0.0, |m, _, v| m.body.offset_x_mm += v),
-        ("mass_y_mm", -5.0, 5.0, 0.0, |m, _, v| m.body.offset_y_mm += v),
+            effect: Times(format!("legs.{leg}.{key}")),
+        })
+    };
+    let body = [
+        ("mass_error", 0.95, 1.05, Times("body.total_mass_g".to_owned())),
+        ("mass_x_mm", -5.0, 5.0, Plus("body.offset_x_mm")),
+        ("mass_y_mm", -5.0, 5.0, Plus("body.offset_y_mm")),
     ];
-    all.extend(body.map(|(name, low, high, neutral, write)| Unknown {
-        name: name.to_owned(),
-        low,
-        high,
-        read: if neutral == 1.0 { |_, _| 1.0 } else { |_, _| 0.0 },
-        write,
-        leg: 0,
-    }));
-    all
+    LEGS.into_iter().flat_map(of_leg).chain(body.map(unknown)).collect()
 }
 
 /// Converts a model to a point of the unit cube: 0 the lowest value of a range, 1 the highest. Values outside go to
 /// the nearest wall.
 #[must_use]
 pub fn point(unknowns: &[Unknown], model: &RobotModel) -> Vec<f64> {
-    unknowns
-        .iter()
-        .map(|u| (((u.read)(model, u.leg) - u.low) / (u.high - u.low)).clamp(0.0, 1.0))
-        .collect()
+    let mut model = model.clone();
+    let share = |u: &Unknown| (u.effect.read(&mut model) - u.low) / (u.high - u.low);
+    unknowns.iter().map(share).map(|it| it.clamp(0.0, 1.0)).collect()
 }
 
 /// Returns the unknowns' values at a point of the unit cube, with as many digits as anybody could measure.
@@ -376,7 +286,7 @@ pub fn values(unknowns: &[Unknown], point: &[f64]) -> Vec<f64> {
 pub fn apply(unknowns: &[Unknown], base: &RobotModel, point: &[f64]) -> RobotModel {
     let mut model = base.clone();
     for (unknown, value) in unknowns.iter().zip(values(unknowns, point)) {
-        (unknown.write)(&mut model, unknown.leg, value);
+        unknown.effect.write(&mut model, value);
     }
     model
 }
@@ -425,7 +335,7 @@ mod tests {
     #[test]
     fn a_share_of_stiffness_leaves_every_other_difference_between_the_legs() {
         let mut model = walker();
-        legs_mut(&mut model).fr.bend_stiffness_factor += 0.08;
+        model.legs.as_mut().unwrap().fr.bend_stiffness_factor += 0.08;
         let all = [Pattern::Front, Pattern::Left, Pattern::Diagonal]
             .into_iter()
             .flat_map(|pattern| [(pattern, STIFFNESS), (pattern, BEND_OVER_TWIST)]);

@@ -5,7 +5,7 @@
 
 use serde::Serialize;
 
-use flix_sim::model::{LEGS, Leg, Load, RobotModel};
+use flix_sim::model::{LEGS, Load, RobotModel};
 
 /// The experiments that an unknown shows in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -44,25 +44,20 @@ pub struct Unknown {
     least: f64,
     /// What one in the model's field is in the unit of the name.
     unit: f64,
-    /// The leg.
-    leg: usize,
-    place: fn(&mut RobotModel, usize) -> Option<&mut f64>,
+    /// Its key in the model.
+    key: String,
 }
 
 /// Spread of stiffness and damping of a leg, as a share: what manufacture leaves open (paper, section II-D), doubled.
 const LEG_SPREAD: f64 = 0.15;
 /// Spread of a foot's friction, as a share.
 const FRICTION_SPREAD: f64 = 0.25;
-/// Spread of the floor's stiffness and damping, as a share.
-const FLOOR_SPREAD: f64 = 0.25;
+/// Spread of the floor's stiffness and damping, as a share alone.
+const FLOOR: [f64; 2] = [0.0, 0.25];
 /// What is on the body besides the plan: one mass, at first here, g and mm, with these spreads.
 const LOAD: [(f64, f64); 4] = [(20.0, 12.0), (0.0, 30.0), (0.0, 20.0), (15.0, 10.0)];
 /// No value of a model falls below this share of the plan.
 const LEAST_SHARE: f64 = 0.2;
-
-fn leg(model: &mut RobotModel, leg: usize) -> Option<&mut Leg> {
-    model.legs.as_mut()?.each_mut().into_iter().nth(leg)
-}
 
 impl Unknown {
     /// Returns the value at `x` spreads from the plan, in the unit of the name.
@@ -78,92 +73,54 @@ impl Unknown {
     }
 }
 
+/// An unknown of the whole robot: name, kind, key in the model, spread of the prior in the key's unit and as a share of the
+/// planned value, lowest value that makes sense as a share of it.
+type Whole = (&'static str, Kind, &'static str, [f64; 2], Option<f64>);
+
+const WHOLE: [Whole; 10] = [
+    ("total_mass_g", Kind::Mass, "body.total_mass_g", [0.0, 0.02], Some(0.0)),
+    ("core_offset_x_mm", Kind::Mass, "body.offset_x_mm", [2.0, 0.0], None),
+    ("core_offset_y_mm", Kind::Mass, "body.offset_y_mm", [2.0, 0.0], None),
+    ("core_z_mm", Kind::Mass, "core.z_mm", [2.0, 0.0], None),
+    ("load_mass_g", Kind::Mass, "load.mass_g", [LOAD[0].1, 0.0], Some(0.0)),
+    ("load_x_mm", Kind::Mass, "load.x_mm", [LOAD[1].1, 0.0], None),
+    ("load_y_mm", Kind::Mass, "load.y_mm", [LOAD[2].1, 0.0], None),
+    ("load_z_mm", Kind::Mass, "load.z_mm", [LOAD[3].1, 0.0], None),
+    ("floor_stiffness_n_per_m", Kind::Floor, "contact.stiffness_n_per_m", FLOOR, Some(LEAST_SHARE)),
+    ("floor_damping_n_s_per_m", Kind::Floor, "contact.damping_n_s_per_m", FLOOR, Some(LEAST_SHARE)),
+];
+
 /// Returns the plan with the unknown mass on it, and the unknowns.
 #[must_use]
 pub fn unknowns(plan: &RobotModel) -> (RobotModel, Vec<Unknown>) {
-    type Place = fn(&mut RobotModel, usize) -> Option<&mut f64>;
     let mut base = plan.clone();
     let [mass_g, x_mm, y_mm, z_mm] = LOAD.map(|(middle, _)| middle);
     base.load.push(Load { mass_g, x_mm, y_mm, z_mm });
-    let whole: [(&str, Kind, f64, f64, Place); 10] = [
-        ("total_mass_g", Kind::Mass, 0.02 * plan.body.total_mass_g, 0.0, |m, _| {
-            Some(&mut m.body.total_mass_g)
-        }),
-        ("core_offset_x_mm", Kind::Mass, 2.0, f64::MIN, |m, _| Some(&mut m.body.offset_x_mm)),
-        ("core_offset_y_mm", Kind::Mass, 2.0, f64::MIN, |m, _| Some(&mut m.body.offset_y_mm)),
-        ("core_z_mm", Kind::Mass, 2.0, f64::MIN, |m, _| Some(&mut m.core.z_mm)),
-        ("load_mass_g", Kind::Mass, LOAD[0].1, 0.0, |m, _| Some(&mut m.load.last_mut()?.mass_g)),
-        ("load_x_mm", Kind::Mass, LOAD[1].1, f64::MIN, |m, _| Some(&mut m.load.last_mut()?.x_mm)),
-        ("load_y_mm", Kind::Mass, LOAD[2].1, f64::MIN, |m, _| Some(&mut m.load.last_mut()?.y_mm)),
-        ("load_z_mm", Kind::Mass, LOAD[3].1, f64::MIN, |m, _| Some(&mut m.load.last_mut()?.z_mm)),
-        (
-            "floor_stiffness_n_per_m",
-            Kind::Floor,
-            FLOOR_SPREAD * plan.contact.stiffness_n_per_m,
-            LEAST_SHARE * plan.contact.stiffness_n_per_m,
-            |m, _| Some(&mut m.contact.stiffness_n_per_m),
-        ),
-        (
-            "floor_damping_n_s_per_m",
-            Kind::Floor,
-            FLOOR_SPREAD * plan.contact.damping_n_s_per_m,
-            LEAST_SHARE * plan.contact.damping_n_s_per_m,
-            |m, _| Some(&mut m.contact.damping_n_s_per_m),
-        ),
-    ];
-    let mut all: Vec<Unknown> = whole
-        .into_iter()
-        .filter_map(|(name, kind, spread, least, place)| {
-            let planned = *place(&mut base, 0)?;
-            let name = name.to_owned();
-            Some(Unknown { name, kind, planned, spread, least, unit: 1.0, leg: 0, place })
-        })
-        .collect();
+    let mut all = Vec::new();
+    let mut add = |name: String, kind, key: String, [spread, share]: [f64; 2], least, unit| {
+        let Some(planned) = base.parameter(&key).map(|value| *value) else { return };
+        let spread = spread + share * planned;
+        let least = Option::map_or(least, f64::MIN, |share: f64| share * planned);
+        all.push(Unknown { name, kind, planned, spread, least, unit, key });
+    };
+    let load = format!("load[{}].", plan.load.len());
+    for (name, kind, key, spread, least) in WHOLE {
+        add(name.to_owned(), kind, key.replace("load.", &load), spread, least, 1.0);
+    }
     let Some(legs) = plan.legs else { return (base, all) };
-    let own: [(&str, Kind, f64, f64, Place); 5] = [
-        (
-            "bend_stiffness_n_m_rad",
-            Kind::Stiffness,
-            LEG_SPREAD,
-            legs.bend_stiffness_n_m_rad,
-            |m, i| Some(&mut leg(m, i)?.bend_stiffness_factor),
-        ),
-        (
-            "twist_stiffness_n_m_rad",
-            Kind::Stiffness,
-            LEG_SPREAD,
-            legs.twist_stiffness_n_m_rad,
-            |m, i| Some(&mut leg(m, i)?.twist_stiffness_factor),
-        ),
-        (
-            "bend_damping_n_m_s_rad",
-            Kind::Damping,
-            LEG_SPREAD,
-            legs.bend_damping_n_m_s_rad,
-            |m, i| Some(&mut leg(m, i)?.bend_damping_factor),
-        ),
-        (
-            "twist_damping_n_m_s_rad",
-            Kind::Damping,
-            LEG_SPREAD,
-            legs.twist_damping_n_m_s_rad,
-            |m, i| Some(&mut leg(m, i)?.twist_damping_factor),
-        ),
-        ("friction", Kind::Friction, FRICTION_SPREAD, 1.0, |m, i| Some(&mut leg(m, i)?.friction)),
+    let (bend, twist) = (legs.bend_stiffness_n_m_rad, legs.twist_stiffness_n_m_rad);
+    let (bends, twists) = (legs.bend_damping_n_m_s_rad, legs.twist_damping_n_m_s_rad);
+    let own = [
+        ("bend_stiffness_n_m_rad", Kind::Stiffness, "bend_stiffness_factor", LEG_SPREAD, bend),
+        ("twist_stiffness_n_m_rad", Kind::Stiffness, "twist_stiffness_factor", LEG_SPREAD, twist),
+        ("bend_damping_n_m_s_rad", Kind::Damping, "bend_damping_factor", LEG_SPREAD, bends),
+        ("twist_damping_n_m_s_rad", Kind::Damping, "twist_damping_factor", LEG_SPREAD, twists),
+        ("friction", Kind::Friction, "friction", FRICTION_SPREAD, 1.0),
     ];
-    for (index, leg_name) in LEGS.iter().enumerate() {
-        for (name, kind, share, unit, place) in own {
-            let Some(planned) = place(&mut base, index).map(|value| *value) else { continue };
-            all.push(Unknown {
-                name: format!("{leg_name}_{name}"),
-                kind,
-                planned,
-                spread: share * planned,
-                least: LEAST_SHARE * planned,
-                unit,
-                leg: index,
-                place,
-            });
+    for leg in LEGS {
+        for (name, kind, key, share, unit) in own {
+            let (name, key) = (format!("{leg}_{name}"), format!("legs.{leg}.{key}"));
+            add(name, kind, key, [0.0, share], Some(LEAST_SHARE), unit);
         }
     }
     (base, all)
@@ -173,9 +130,10 @@ pub fn unknowns(plan: &RobotModel) -> (RobotModel, Vec<Unknown>) {
 #[must_use]
 pub fn apply(base: &RobotModel, unknowns: &[Unknown], point: &[f64]) -> RobotModel {
     let mut model = base.clone();
+    let mut parameters = model.parameters();
     for (unknown, x) in unknowns.iter().zip(point) {
-        if let Some(place) = (unknown.place)(&mut model, unknown.leg) {
-            *place = (unknown.planned + unknown.spread * x).max(unknown.least);
+        if let Some(it) = parameters.iter_mut().find(|it| it.key == unknown.key) {
+            *it.value = (unknown.planned + unknown.spread * x).max(unknown.least);
         }
     }
     model
@@ -185,6 +143,6 @@ pub fn apply(base: &RobotModel, unknowns: &[Unknown], point: &[f64]) -> RobotMod
 #[must_use]
 pub fn values(model: &RobotModel, unknowns: &[Unknown]) -> Vec<f64> {
     let mut model = model.clone();
-    let read = |u: &Unknown| (u.place)(&mut model, u.leg).map_or(f64::NAN, |v| u.unit * *v);
+    let read = |u: &Unknown| model.parameter(&u.key).map_or(f64::NAN, |value| u.unit * *value);
     unknowns.iter().map(read).collect()
 }
