@@ -22,7 +22,7 @@ use flix_protocol::units::{Hertz, Instant};
 use super::statistics::Statistics;
 use super::{
     DISARMED_AFTER, KEEP_ALIVE, PASSING_PATIENCE, REQUEST_PATIENCE, REQUEST_RETRY, SILENCE,
-    STOP_BESIDE_AFTER, TRY_AGAIN, passes_by_itself,
+    STOP_BESIDE_AFTER,
 };
 
 /// How often a program repeats a wish that ended because orders stayed away while the motors were aligned or tried.
@@ -113,27 +113,6 @@ struct Pending {
     request: Request,
     send_at: Instant,
     give_up_at: Instant,
-    /// For how long it is asked again where the robot refuses it for a state that passes.
-    patience: Duration,
-    /// The newest refusal that did not end it.
-    refusal: Option<Refusal>,
-}
-
-impl Pending {
-    /// Returns whether it is asked again although the robot refused it.
-    fn outlives(&mut self, now: Instant, refusal: &Refusal) -> bool {
-        let again = match refusal {
-            // With a newer echo.
-            Refusal::Late { .. } => now,
-            refusal if passes_by_itself(refusal) && !self.patience.is_zero() => now + TRY_AGAIN,
-            _ => return false,
-        };
-        if again >= self.give_up_at {
-            return false;
-        }
-        (self.send_at, self.refusal) = (again, Some(refusal.clone()));
-        true
-    }
 }
 
 /// A wish in force to arm, to clear or for a trial.
@@ -350,21 +329,11 @@ impl Client {
     ///
     /// Requests that change the robot are sent one after another. What moves it is an [order](Client::press).
     pub fn request(&mut self, now: Instant, command: Command) -> u32 {
-        self.insist(now, command, Duration::ZERO)
-    }
-
-    /// Sends it as [`Client::request`] does, and asks again every [`TRY_AGAIN`] while the robot refuses for a state that
-    /// [passes](super::passes_by_itself), for at most `patience`.
-    pub fn insist(&mut self, now: Instant, command: Command, patience: Duration) -> u32 {
-        let number = self.number();
-        self.pending.push_back(Pending {
-            request: Request { number, command },
-            send_at: now,
-            give_up_at: now + REQUEST_PATIENCE.max(patience),
-            patience,
-            refusal: None,
-        });
-        number
+        self.next_number = self.next_number.wrapping_add(1);
+        let request = Request { number: self.next_number, command };
+        let give_up_at = now + REQUEST_PATIENCE;
+        self.pending.push_back(Pending { request, send_at: now, give_up_at });
+        self.next_number
     }
 
     /// Stops the robot: ends every wish and request, and repeats the stop until it is acknowledged.
@@ -723,11 +692,6 @@ impl Client {
         let Some(place) = self.pending.iter().position(|it| it.request.number == request) else {
             return;
         };
-        if let (Outcome::Refused(refusal), Some(pending)) = (&outcome, self.pending.get_mut(place))
-            && pending.outlives(now, refusal)
-        {
-            return;
-        }
         self.pending.remove(place);
         if self.checking.take_if(|it| *it == request).is_some() {
             match outcome {
@@ -787,7 +751,7 @@ impl Client {
         let places: Vec<usize> = self.in_turn().map(|(place, _)| place).collect();
         for (place, pending) in self.pending.iter_mut().enumerate() {
             if !places.contains(&place) {
-                pending.give_up_at = now + REQUEST_PATIENCE.max(pending.patience);
+                pending.give_up_at = now + REQUEST_PATIENCE;
             }
         }
         let (updates, checking) = (&mut self.updates, &mut self.checking);
@@ -796,12 +760,7 @@ impl Client {
             let request = pending.request.number;
             // The owner of the client has not asked for the check of the settings.
             if !is_alive && checking.take_if(|it| *it == request).is_none() {
-                updates.push_back(match &pending.refusal {
-                    Some(refusal) => {
-                        Update::Answer { request, outcome: Outcome::Refused(refusal.clone()) }
-                    }
-                    None => Update::Unanswered { request },
-                });
+                updates.push_back(Update::Unanswered { request });
             }
             is_alive
         });
@@ -824,11 +783,6 @@ impl Client {
         let ended = self.pending.drain(..).map(|it| it.request.number);
         self.updates.extend(ended.map(|request| Update::Unanswered { request }));
         self.checking = None;
-    }
-
-    fn number(&mut self) -> u32 {
-        self.next_number = self.next_number.wrapping_add(1);
-        self.next_number
     }
 }
 

@@ -12,8 +12,7 @@
 //! - **Permit**: a wish carries the permit that telemetry showed when it was pressed. When the robot states another one, it has
 //!   halted: a walk becomes rest, other wishes `Off`, and the reason is reported.
 //! - **Requests** (parameters, scope, identity) carry a number and are repeated every [`REQUEST_RETRY`]
-//!   until answered or [`REQUEST_PATIENCE`] is over. All requests are idempotent. One that was too
-//!   old when it arrived ([`Refusal::Late`]) is repeated at once.
+//!   until answered or [`REQUEST_PATIENCE`] is over. All requests are idempotent.
 //! - **Stop** comes before everything: wishes and requests end, and stop is the order until the robot acknowledges it, also over
 //!   reconnections, and without a session while there is none: another operator may hold the robot.
 //! - **Silence** of [`SILENCE`] ends the session. The client connects again, and every wish has ended,
@@ -82,8 +81,8 @@ pub const TELEMETRY_LAG: Duration = Duration::from_millis(500);
 /// answer has come for [`HINT_PATIENCE`].
 pub const REVOKED_PATIENCE: Duration = HINT_PATIENCE.saturating_add(Duration::from_millis(500));
 
-/// Returns whether a refusal passes by itself, so that the same request succeeds some time later.
+/// Returns whether a refusal passes by itself: the same request, with a newer echo, succeeds some time later.
 #[must_use]
 pub const fn passes_by_itself(refusal: &Refusal) -> bool {
-    matches!(refusal, Refusal::LinkUnproven | Refusal::State(State::Aligning | State::Stopping))
+    matches!(refusal, Refusal::Late { .. } | Refusal::State(State::Aligning | State::Stopping))
 }

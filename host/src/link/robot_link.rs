@@ -10,7 +10,7 @@ use flix_protocol::units::Instant;
 
 use super::{
     ARM_PATIENCE, Client, KEEP_ALIVE, LinkError, NotShown, PASSING_PATIENCE, REQUEST_PATIENCE,
-    REVOKED_PATIENCE, TELEMETRY_LAG, Update, Wish,
+    REVOKED_PATIENCE, TELEMETRY_LAG, TRY_AGAIN, Update, Wish, passes_by_itself,
 };
 
 /// Twice the longest time in which a robot ramps down and brakes what still turns.
@@ -177,17 +177,8 @@ pub trait RobotLink {
     fn request(&mut self, command: Command) -> Result<Outcome, Self::Error> {
         let (client, now) = self.operate();
         let request = client.request(now, command);
-        self.answer(request)
-    }
-
-    /// Waits for the answer to this request.
-    ///
-    /// # Errors
-    /// When there is none.
-    fn answer(&mut self, request: u32) -> Result<Outcome, Self::Error> {
-        // As long as it is repeated, and one request more; the client itself says when it is unanswered.
-        let longest = PASSING_PATIENCE + 2 * REQUEST_PATIENCE;
-        let outcome = self.wait_for(longest, |_, update| match update {
+        // The client itself reports a request that is not answered, once its turn has come.
+        let outcome = self.wait_for(2 * REQUEST_PATIENCE, |_, update| match update {
             Update::Answer { request: answered, outcome } if *answered == request => {
                 Some(Some(outcome.clone()))
             }
@@ -197,15 +188,23 @@ pub trait RobotLink {
         Ok(outcome.flatten().ok_or(LinkError::Unanswered)?)
     }
 
-    /// Sends a request as [`RobotLink::request`] does; while the robot refuses because of a state that passes, it is repeated, for
-    /// at most [`PASSING_PATIENCE`].
+    /// Sends a request as [`RobotLink::request`] does, and again while the robot refuses for a reason that
+    /// [passes](passes_by_itself), for at most [`PASSING_PATIENCE`].
     ///
     /// # Errors
     /// When the robot does not answer.
     fn insist(&mut self, command: Command) -> Result<Outcome, Self::Error> {
-        let (client, now) = self.operate();
-        let request = client.insist(now, command, PASSING_PATIENCE);
-        self.answer(request)
+        let end = self.operate().1 + PASSING_PATIENCE;
+        loop {
+            match self.request(command.clone())? {
+                Outcome::Refused(refusal)
+                    if passes_by_itself(&refusal) && self.operate().1 < end =>
+                {
+                    self.pause(TRY_AGAIN)?;
+                }
+                outcome => return Ok(outcome),
+            }
+        }
     }
 
     /// Sends a request as [`RobotLink::insist`] does. A refusal is an error.
