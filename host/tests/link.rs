@@ -24,6 +24,8 @@ pub struct World {
     pub now: Instant,
     pub client: Client,
     pub robot: FakeRobot,
+    /// From where the robot hears the client.
+    address: SocketAddr,
     latency: Duration,
     lose: Box<dyn FnMut() -> bool>,
     is_cut: bool,
@@ -41,6 +43,7 @@ impl World {
             now,
             client: Client::new(key(), [9; 32], now),
             robot: FakeRobot::new(Some(key())),
+            address: OPERATOR.parse().unwrap(),
             latency: Duration::from_millis(5),
             lose: Box::new(|| false),
             is_cut: false,
@@ -96,7 +99,6 @@ impl World {
 
     /// Sends and receives for a moment; what the client learns is left to somebody else.
     pub fn exchange(&mut self) {
-        let operator: SocketAddr = OPERATOR.parse().unwrap();
         while let Some(frame) = self.client.transmit(self.now) {
             let is_lost = self.lost_length == Some(frame.len());
             if !(self.is_cut || is_lost || (self.lose)()) {
@@ -105,7 +107,7 @@ impl World {
         }
         let mut answers = self.robot.tick(self.now);
         for datagram in arrived(&mut self.to_robot, self.now) {
-            answers.extend(self.robot.receive(self.now, operator, &datagram));
+            answers.extend(self.robot.receive(self.now, self.address, &datagram));
         }
         for (_, datagram) in answers {
             if !(self.is_cut || (self.lose)()) {
@@ -639,6 +641,21 @@ fn a_robot_that_another_holds_is_stopped_all_the_same() {
     hold(&mut world, Duration::from_millis(100));
     assert!(world.robot.stopped);
     assert_eq!(world.client.stop_state(), StopState::Acknowledged);
+}
+
+#[test]
+fn a_client_with_another_address_waits_until_its_own_session_ends() {
+    let mut world = World::walking();
+    world.robot.is_mute = true;
+    world.run(Duration::from_millis(600));
+    world.robot.is_mute = false;
+    world.address = "10.0.0.9:5000".parse().unwrap();
+    world.updates.clear();
+    // Of these a second is the silence by which the robot knows that the holder is gone.
+    world.run(Duration::from_millis(1_500));
+    assert!(world.client.is_connected(world.now));
+    assert!(!world.updates.iter().any(|it| matches!(it, Update::Failed(_))), "{:?}", world.updates);
+    assert_eq!((world.robot.state, world.client.order()), (State::Disarmed, Order::Off));
 }
 
 #[test]

@@ -9,4 +9,6 @@ mod arming;
 mod cockpit;
 mod connection;
 mod link;
+#[cfg(target_os = "linux")]
+mod moving;
 mod record;

@@ -244,7 +244,7 @@ impl Greeted {
     fn new(address: SocketAddr, key: &Key) -> Option<Self> {
         let mut entropy = [0; 32];
         getrandom::fill(&mut entropy).ok()?;
-        let socket = super::udp::socket_to(address).ok()?;
+        let socket = super::path::connect(address).ok()?;
         socket.set_nonblocking(true).ok()?;
         let greeting = StopSession::new(key, entropy, protocol::Instant::START);
         Some(Self { address, socket, greeting, begin: Instant::now(), has_proved: false })

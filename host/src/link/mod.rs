@@ -31,6 +31,8 @@ mod error;
 pub mod explain;
 #[cfg(not(target_family = "wasm"))]
 pub mod keys;
+#[cfg(not(target_family = "wasm"))]
+mod path;
 mod robot_link;
 #[cfg(not(target_family = "wasm"))]
 pub mod serial;

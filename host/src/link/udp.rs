@@ -1,7 +1,7 @@
 //! The client on a UDP socket, in real time.
 
 use std::io;
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::net::SocketAddr;
 use std::time::Duration;
 
 use flix_protocol::frame::MAXIMUM_DATAGRAM;
@@ -9,6 +9,7 @@ use flix_protocol::message::{Refusal, State, Telemetry};
 use flix_protocol::session::{ConnectError, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
+use super::path::Path;
 use super::robot_link::{DISARM_PATIENCE, LONGEST_WAIT};
 use super::{Client, LinkError, RobotLink, StopState, TELEMETRY_LAG, Update, Wish};
 use crate::system::interrupt::Interrupt;
@@ -43,7 +44,7 @@ impl From<getrandom::Error> for LinkError {
 /// When it is dropped while it drives the robot, also by an error or a panic, it first stops the
 /// robot, for at most [`FAREWELL_PATIENCE`].
 pub struct Connection {
-    socket: UdpSocket,
+    path: Path,
     client: Client,
     start: Clock,
     interrupt: Interrupt,
@@ -57,11 +58,11 @@ impl Connection {
     /// # Errors
     /// When the operating system provides no socket or no random numbers.
     pub fn open(address: SocketAddr, key: Key, interrupt: Interrupt) -> Result<Self, LinkError> {
-        let socket = socket_to(address)?;
+        let path = Path::to(address)?;
         let entropy = entropy()?;
         let client = Client::new(key, entropy, Instant::START);
         let start = Clock::start();
-        Ok(Self { socket, client, start, interrupt, was_connected: false })
+        Ok(Self { path, client, start, interrupt, was_connected: false })
     }
 
     /// Returns the present time of the client.
@@ -85,10 +86,11 @@ impl Connection {
         // First what came while this program did something else: what is sealed now states the newest
         // of it.
         self.receive_arrived()?;
+        self.path.follow()?;
         self.send_due()?;
         let now = self.now();
         let wait = self.client.transmit_at().map_or(longest, |at| at.since(now).min(longest));
-        self.socket.set_read_timeout(Some(wait.max(SHORTEST_WAIT)))?;
+        self.path.socket().set_read_timeout(Some(wait.max(SHORTEST_WAIT)))?;
         if self.receive_one()? {
             self.receive_arrived()?;
         }
@@ -98,15 +100,15 @@ impl Connection {
 
     /// Receives everything that has arrived, without waiting.
     fn receive_arrived(&mut self) -> Result<(), LinkError> {
-        self.socket.set_nonblocking(true)?;
+        self.path.socket().set_nonblocking(true)?;
         while self.receive_one()? {}
-        Ok(self.socket.set_nonblocking(false)?)
+        Ok(self.path.socket().set_nonblocking(false)?)
     }
 
     /// Receives one datagram; returns whether there was one.
     fn receive_one(&mut self) -> Result<bool, LinkError> {
         let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
-        let Some(length) = transient(self.socket.recv(&mut datagram))? else { return Ok(false) };
+        let Some(length) = self.path.receive(&mut datagram)? else { return Ok(false) };
         let now = self.now();
         self.client.receive(now, &datagram[..length]);
         Ok(true)
@@ -116,7 +118,7 @@ impl Connection {
         loop {
             let now = self.now();
             let Some(frame) = self.client.transmit(now) else { return Ok(()) };
-            if transient(self.socket.send(&frame))?.is_none() {
+            if !self.path.send(&frame)? {
                 return Ok(());
             }
         }
@@ -220,7 +222,7 @@ impl RobotLink for Connection {
     fn no_session(&self, error: ConnectError) -> LinkError {
         match error {
             ConnectError::WrongKey if self.was_connected => LinkError::Revoked,
-            error => no_session(self.socket.peer_addr().ok(), error),
+            error => no_session(self.path.peer(), error),
         }
     }
 }
@@ -251,9 +253,9 @@ pub fn stop(
     let now = || Instant::START + start.elapsed();
     let ask = |address: SocketAddr| {
         keys.iter().map(move |key| {
-            let socket = socket_to(address)?;
-            socket.set_nonblocking(true)?;
-            Ok((socket, StopSession::new(key, entropy()?, now())))
+            let path = Path::to(address)?;
+            path.socket().set_nonblocking(true)?;
+            Ok((path, StopSession::new(key, entropy()?, now())))
         })
     };
     let mut stops = ask(address).collect::<Result<Vec<_>, LinkError>>()?;
@@ -267,10 +269,15 @@ pub fn stop(
         // Where others are asked, too, what is wrong with one way ends nothing.
         let is_alone = stops.len() == keys.len();
         let (mut failed, mut failures) = (ConnectError::NoAnswer, 0);
-        for (place, (socket, stop)) in stops.iter_mut().enumerate() {
+        for (place, (path, stop)) in stops.iter_mut().enumerate() {
             let by = place % keys.len();
+            if path.follow().unwrap_or_default() {
+                // What the robot has answered so far holds for the former address.
+                path.socket().set_nonblocking(true)?;
+                *stop = StopSession::new(keys[by], entropy()?, now());
+            }
             while let Some(frame) = stop.poll(now()) {
-                let sent = transient(socket.send(&frame));
+                let sent = path.send(&frame);
                 if is_alone {
                     sent?;
                 }
@@ -289,15 +296,15 @@ pub fn stop(
             if stops.iter().any(|(_, stop)| stop.is_challenged()) {
                 return Err(LinkError::StopUnacknowledged);
             }
-            return Err(no_session(Some(address), failed));
+            return Err(no_session(address, failed));
         }
         if interrupt.is_raised() {
             return Err(LinkError::Interrupted);
         }
-        for (socket, stop) in &mut stops {
+        for (path, stop) in &mut stops {
             for _ in 0..ANSWERS_AT_ONCE {
                 // What is wrong with a socket ends what is sent by it.
-                let received = transient(socket.recv(&mut datagram)).ok().flatten();
+                let received = path.receive(&mut datagram).ok().flatten();
                 let Some(length) = received else { break };
                 // One that is dropped is one that a stranger sent, or came twice.
                 let _ = stop.receive(now(), &datagram[..length]);
@@ -307,21 +314,12 @@ pub fn stop(
     }
 }
 
-fn no_session(address: Option<SocketAddr>, error: ConnectError) -> LinkError {
-    match address.filter(|it| it.ip().is_loopback() && error == ConnectError::NoAnswer) {
-        Some(address) => LinkError::NoneHere(address),
-        None => LinkError::Connect(error),
+fn no_session(address: SocketAddr, error: ConnectError) -> LinkError {
+    if address.ip().is_loopback() && error == ConnectError::NoAnswer {
+        LinkError::NoneHere(address)
+    } else {
+        LinkError::Connect(error)
     }
-}
-
-pub(super) fn socket_to(address: SocketAddr) -> io::Result<UdpSocket> {
-    let any: SocketAddr = match address {
-        SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
-        SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
-    };
-    let socket = UdpSocket::bind(any)?;
-    socket.connect(address)?;
-    Ok(socket)
 }
 
 fn entropy() -> Result<[u8; 32], getrandom::Error> {

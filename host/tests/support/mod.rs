@@ -589,8 +589,17 @@ pub struct ServedRobot {
 
 impl ServedRobot {
     /// `lose` says of each datagram, in either direction, whether the network loses it.
-    pub fn new(robot: FakeRobot, mut lose: impl FnMut() -> bool + Send + 'static) -> Self {
-        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    pub fn new(robot: FakeRobot, lose: impl FnMut() -> bool + Send + 'static) -> Self {
+        Self::at("127.0.0.1", robot, lose)
+    }
+
+    /// The same, at this address of the computer.
+    pub fn at(
+        address: &str,
+        robot: FakeRobot,
+        mut lose: impl FnMut() -> bool + Send + 'static,
+    ) -> Self {
+        let socket = UdpSocket::bind((address, 0)).unwrap();
         socket.set_read_timeout(Some(Duration::from_millis(2))).unwrap();
         let address = socket.local_addr().unwrap();
         let robot = Arc::new(Mutex::new(robot));

@@ -216,6 +216,8 @@ impl Multicast {
 /// A stream of poses from Motive.
 pub struct NatNetSource {
     settings: NatNetSettings,
+    /// Whether nobody has named the network card, so that the system's choice is followed.
+    follows: bool,
     info: ServerInfo,
     layout: Layout,
     bodies: Vec<(String, i32)>,
@@ -242,7 +244,8 @@ impl NatNetSource {
     /// # Errors
     /// In sentences that say what to change.
     pub fn connect(mut settings: NatNetSettings) -> Result<Self, NatNetError> {
-        if settings.interface.is_unspecified() {
+        let follows = settings.interface.is_unspecified();
+        if follows {
             settings.interface = interface_towards(settings.server)
                 .map_err(|source| NatNetError::Socket { interface: settings.interface, source })?;
         }
@@ -260,6 +263,7 @@ impl NatNetSource {
         let multicast = Multicast::open(&info, &settings)?;
         Ok(Self {
             settings,
+            follows,
             info,
             layout,
             bodies,
@@ -309,6 +313,21 @@ impl NatNetSource {
         transient(self.command.send(what)).map(drop)
     }
 
+    /// Takes another socket where the system reaches the server from another address now: a computer that has changed its network
+    /// hears nothing by the former one.
+    fn follow(&mut self) {
+        let server = self.settings.server;
+        // Without any way there, or a socket, the present one is as good as another.
+        let Ok(interface) = interface_towards(server) else { return };
+        if self.follows
+            && interface != self.settings.interface
+            && let Ok(client) = RawCommandClient::bind(interface, server)
+            && client.set_nonblocking(true).is_ok()
+        {
+            (self.command, self.settings.interface) = (client, interface);
+        }
+    }
+
     /// Joins the group of a stream by multicast anew: a network card that was away has forgotten it.
     fn join_again(&self) {
         if let Some(Multicast { card, group, .. }) = &self.multicast {
@@ -327,6 +346,7 @@ impl NatNetSource {
         let heard = *self.heard.get_or_insert(now);
         if now.since(heard) > SILENCE && now >= self.greet_at {
             self.greet_at = now + ASK_AGAIN;
+            self.follow();
             self.join_again();
             self.say(&self.greeting)?;
         }
