@@ -14,7 +14,9 @@ pub fn action(key: KeyEvent) -> Option<Action> {
         return None;
     }
     // The space bar stops, whatever else is pressed.
-    if key.code == KeyCode::Char(' ') {
+    if let KeyCode::Char(character) = key.code
+        && (is_blank(character) || is_plain(key) && is_accent(character))
+    {
         return Some(Action::Stop);
     }
     if key.modifiers.contains(KeyModifiers::CONTROL) {
@@ -23,8 +25,7 @@ pub fn action(key: KeyEvent) -> Option<Action> {
             _ => None,
         };
     }
-    // Nothing is at a key with Alt and the like; an answer of the terminal to somebody else begins as such a key does.
-    if !KeyModifiers::SHIFT.contains(key.modifiers) {
+    if !is_plain(key) {
         return None;
     }
     let fine = usize::from(key.modifiers.contains(KeyModifiers::SHIFT));
@@ -40,7 +41,7 @@ pub fn action(key: KeyEvent) -> Option<Action> {
             _ => None,
         };
     };
-    Some(match character.to_ascii_lowercase() {
+    Some(match half_width(character).to_ascii_lowercase() {
         'w' | '1' => Action::Walk(PaperMode::Forward),
         'a' | '2' => Action::Walk(PaperMode::LeftTurn),
         'd' | '3' => Action::Walk(PaperMode::RightTurn),
@@ -53,10 +54,50 @@ pub fn action(key: KeyEvent) -> Option<Action> {
     })
 }
 
+/// Returns whether no modifier but shift is held. Nothing is at a key with Alt and the like; an answer of the terminal to somebody
+/// else begins as such a key does.
+const fn is_plain(key: KeyEvent) -> bool {
+    KeyModifiers::SHIFT.contains(key.modifiers)
+}
+
+/// Returns whether the space bar sends this character, on any keyboard: white space and characters without a width (Unicode's
+/// property White_Space, and format characters), but no control character. An input method sends U+3000, Option or AltGr with the
+/// space bar U+00A0 or U+202F, a Persian keyboard U+200C with shift.
+fn is_blank(character: char) -> bool {
+    let is_space = character.is_whitespace() && !character.is_control();
+    let is_without_width = matches!(
+        character,
+        '\u{ad}' | '\u{34f}' | '\u{61c}' | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}'
+            | '\u{2060}'..='\u{206f}' | '\u{3164}' | '\u{feff}'
+    );
+    is_space || is_without_width
+}
+
+/// Returns whether this is an accent alone: a dead key and then the space bar send that. Some keyboards have the quotation marks
+/// for acute and diaeresis.
+const fn is_accent(character: char) -> bool {
+    matches!(
+        character,
+        '^' | '`' | '~' | '\'' | '"' | '\u{a8}' | '\u{af}' | '\u{b0}' | '\u{b4}' | '\u{b8}' | '\u{2c6}' | '\u{2c7}'
+            | '\u{2d8}'..='\u{2dd}' | '\u{300}'..='\u{36f}' | '\u{384}' | '\u{385}' | '\u{309b}' | '\u{309c}'
+    )
+}
+
+/// Returns a full-width letter or digit, which an input method sends, in its ordinary form (Unicode's block Halfwidth and Fullwidth
+/// Forms).
+fn half_width(character: char) -> char {
+    match character {
+        '\u{ff01}'..='\u{ff5e}' => {
+            char::from_u32(u32::from(character) - 0xfee0).unwrap_or(character)
+        }
+        _ => character,
+    }
+}
+
 /// Returns a key, whether shift was held or not.
-const fn letter(code: KeyCode) -> KeyCode {
+fn letter(code: KeyCode) -> KeyCode {
     match code {
-        KeyCode::Char(character) => KeyCode::Char(character.to_ascii_lowercase()),
+        KeyCode::Char(character) => KeyCode::Char(half_width(character).to_ascii_lowercase()),
         code => code,
     }
 }
@@ -145,6 +186,8 @@ pub struct Typing {
     together: Vec<Option<(Action, bool)>>,
     /// Whether any of them shows that somebody is there.
     is_touched: bool,
+    /// Whether any of them is a character without an action.
+    is_unknown: bool,
     last: Duration,
     /// Whether text came among them.
     is_text: bool,
@@ -191,6 +234,8 @@ impl Typing {
             Report::Key(key) | Report::Held(key) => {
                 let repeats = self.repeats(at, key);
                 let action = action(key);
+                let is_unknown =
+                    action.is_none() && is_plain(key) && matches!(key.code, KeyCode::Char(_));
                 let is_walk = matches!(action, Some(Action::Walk(_)));
                 // Whoever holds a key wants what he wanted when he pressed it.
                 let action = action
@@ -204,6 +249,7 @@ impl Typing {
                     self.ready.dropped += 1;
                     return;
                 }
+                self.is_unknown |= is_unknown;
                 if self.holds && matches!(action, Some(Action::Walk(_))) {
                     self.held = Some((letter(key.code), at));
                 } else if let Some((held, last)) = &mut self.held
@@ -286,6 +332,7 @@ impl Typing {
         let keys = std::mem::take(&mut self.together);
         let is_text = std::mem::take(&mut self.is_text);
         let is_touched = std::mem::take(&mut self.is_touched);
+        let is_unknown = std::mem::take(&mut self.is_unknown);
         if is_text || keys.len() > TOGETHER {
             self.ready.dropped += keys.len();
             return;
@@ -294,6 +341,10 @@ impl Typing {
             return;
         }
         self.ready.is_touched |= is_touched;
+        if is_unknown {
+            // Whoever misses a key of a robot that walks may have meant any other.
+            self.ready.doubt = Some("a key was pressed that does nothing");
+        }
         let begins =
             |action: &Action| matches!(action, Action::Walk(_) | Action::Arm | Action::Clear);
         let is_alone = keys.len() == 1;
@@ -374,6 +425,39 @@ mod tests {
         let up = [Action::Frequency(FREQUENCY_STEPS[0])];
         let typed = typing.take(ms(50));
         assert_eq!((&typed.actions[..], &typed.steps[..]), (&up[..], &up[..]));
+    }
+
+    #[test]
+    fn whatever_the_space_bar_sends_stops() {
+        let sent = [
+            ' ', '\u{3000}', '\u{a0}', '\u{202f}', '\u{2009}', '\u{200b}', '\u{200c}', '\u{200d}',
+            '\u{2060}', '\u{feff}', '^', '`', '~', '\'', '"', '\u{b4}', '\u{a8}', '\u{2c7}',
+            '\u{301}',
+        ];
+        for character in sent {
+            let typed = type_text(&mut Typing::default(), &character.to_string(), ms(20));
+            assert_eq!(typed.actions, [Action::Stop], "{character:?}");
+        }
+        for code in [' ', '\u{3000}', '\u{a0}'] {
+            let with = KeyModifiers::ALT | KeyModifiers::SHIFT;
+            let stops = action(KeyEvent::new(KeyCode::Char(code), with));
+            assert_eq!(stops, Some(Action::Stop), "{code:?}");
+        }
+    }
+
+    #[test]
+    fn a_letter_of_full_width_is_that_letter_and_an_unknown_one_lets_the_robot_rest() {
+        let wide = type_text(&mut Typing::default(), "\u{ff37}\u{ff13}", ms(20)).actions;
+        assert_eq!(wide, [PaperMode::Forward, PaperMode::RightTurn].map(Action::Walk));
+        for character in ["x", "\u{446}", "\u{0663}", ";", "-"] {
+            let typed = type_text(&mut Typing::default(), character, ms(20));
+            assert!(typed.actions.is_empty() && typed.doubt.is_some(), "{character}");
+        }
+        for code in [KeyCode::F(1), KeyCode::Home, KeyCode::Tab, KeyCode::CapsLock] {
+            let mut typing = Typing::default();
+            typing.report(ms(1), key(code));
+            assert_eq!(typing.take(ms(50)).doubt, None, "{code:?}");
+        }
     }
 
     #[test]

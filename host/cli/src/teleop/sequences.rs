@@ -9,6 +9,7 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
+use ratatui::crossterm::event::KeyCode;
 use terminput::Event;
 use terminput_crossterm::to_crossterm_key;
 
@@ -16,6 +17,7 @@ use super::keyboard::Report;
 
 const ESCAPE: u8 = 0x1b;
 const BELL: u8 = 0x07;
+const BACKSPACE: u8 = 0x08;
 /// String terminator, as one byte.
 const TERMINATOR: u8 = 0x9c;
 /// What pasted text stands between, after the introducer.
@@ -163,6 +165,21 @@ fn with_modifiers(sequence: &[u8]) -> Cow<'_, [u8]> {
     }
 }
 
+/// Returns a key of kitty's protocol, `CSI key : shifted : base ; modifiers u`, by its place on the keyboard where the key is a
+/// letter of another script: `base` is the letter of the same place on a Latin keyboard.
+fn by_place(sequence: &[u8]) -> Option<Vec<u8>> {
+    let inner = sequence.strip_prefix(b"\x1b[")?.strip_suffix(b"u")?;
+    let (keys, rest) = match std::str::from_utf8(inner).ok()? {
+        inner => inner.split_once(';').unwrap_or((inner, "1")),
+    };
+    let mut keys = keys.split(':');
+    let key = char::from_u32(keys.next()?.parse().ok()?)?;
+    let base = keys.nth(1)?;
+    let is_latin =
+        matches!(key, '\0'..='\u{24f}' | '\u{1e00}'..='\u{1eff}' | '\u{ff01}'..='\u{ff5e}');
+    (key.is_alphanumeric() && !is_latin).then(|| format!("\x1b[{base};{rest}u").into_bytes())
+}
+
 /// Returns what a whole sequence reports: a key, a lost focus, or text that nobody typed. The mouse, where the cursor is, and
 /// what is unknown report nothing.
 fn report(sequence: &[u8]) -> Option<Report> {
@@ -174,9 +191,13 @@ fn report(sequence: &[u8]) -> Option<Report> {
         // With R also F3 and modifiers: nothing is at that key.
         [ESCAPE, b'[', .., b'm' | b'M' | b'R'] => return None,
         [ESCAPE, b'P' | b'X' | b']' | b'^' | b'_' | b'\\', ..] => return Some(Report::Text),
+        // Where `stty erase` is Ctrl-H, and the key Delete of st.
+        [BACKSPACE] => return Some(Report::Key(KeyCode::Backspace.into())),
+        b"\x1b[P" => return Some(Report::Key(KeyCode::Delete.into())),
         _ if std::str::from_utf8(sequence).is_err() => return Some(Report::Text),
         _ => {}
     }
+    let sequence = &*by_place(sequence).map_or(Cow::Borrowed(sequence), Cow::Owned);
     match Event::parse_from(&with_modifiers(sequence)) {
         Ok(Some(Event::Key(key))) => {
             let by_kitty = matches!(sequence, [ESCAPE, b'[', .., b'u']);
@@ -191,7 +212,7 @@ fn report(sequence: &[u8]) -> Option<Report> {
 
 #[cfg(test)]
 mod tests {
-    use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+    use ratatui::crossterm::event::{KeyEvent, KeyModifiers};
 
     use super::super::keyboard::{Typed, Typing};
     use super::*;
@@ -218,6 +239,12 @@ mod tests {
             (" ", plain(KeyCode::Char(' '))),
             ("\r", plain(KeyCode::Enter)),
             ("\u{7f}", plain(KeyCode::Backspace)),
+            ("\u{8}", plain(KeyCode::Backspace)),
+            ("\u{1b}[P", plain(KeyCode::Delete)),
+            // An ideographic space; the key of w where a keyboard has Cyrillic letters, and A with an accent, which is Latin.
+            ("\u{1b}[12288u", Some(held(KeyCode::Char('\u{3000}'), KeyModifiers::NONE))),
+            ("\u{1b}[1094::119;1u", Some(held(KeyCode::Char('w'), KeyModifiers::NONE))),
+            ("\u{1b}[228::39;1u", Some(held(KeyCode::Char('\u{e4}'), KeyModifiers::NONE))),
             ("\u{3}", Some(key(KeyCode::Char('c'), KeyModifiers::CONTROL))),
             ("\u{e9}", plain(KeyCode::Char('\u{e9}'))),
             ("\u{1b}[A", plain(KeyCode::Up)),

@@ -146,10 +146,16 @@ function keyed(event) {
   if (step) return { [step[0]]: step[fine ? 2 : 1] };
   // On a keyboard without Latin letters a key is known by its place.
   const isOther = /^[\p{L}\p{M}\p{Nd}]$/u.test(event.key) && !/^[0-9\p{Script=Latin}]$/u.test(event.key), placed = isOther && /^(?:Key|Digit)(.)$/.exec(event.code);
-  return KEYS[placed ? placed[1].toLowerCase() : event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  // An input method sends letters and digits of full width.
+  const key = /^[\uff01-\uff5e]$/.test(event.key) ? event.key.normalize("NFKC") : event.key;
+  return KEYS[placed ? placed[1].toLowerCase() : key.length === 1 ? key.toLowerCase() : key];
 }
+// What the space bar sends: white space and characters without a width, such as U+3000 by an input method and U+00A0 with Option; after
+// a dead key the accent alone.
+const BLANK = /^[\p{White_Space}\p{Cf}\u034f\u3164]$/u, ACCENT = /^[\^`~'"\u00a8\u00af\u00b0\u00b4\u00b8\u02c6\u02c7\u02d8-\u02dd\u0300-\u036f\u0384\u0385\u309b\u309c]$/;
 addEventListener("keydown", (event) => {
-  if (event.code === "Space" || event.key === " ") {
+  const isAccent = ACCENT.test(event.key) && !(event.ctrlKey || event.metaKey || event.target.matches("input, select"));
+  if (event.code === "Space" || BLANK.test(event.key) || isAccent) {
     event.preventDefault();
     return act("stop");
   }
@@ -158,7 +164,11 @@ addEventListener("keydown", (event) => {
   // Enter presses the button that the keyboard has reached.
   if (event.key === "Enter" && document.activeElement.matches("button, summary")) return;
   const request = keyed(event);
-  if (request === undefined) return;
+  if (request === undefined) {
+    // Whoever misses a key of a robot that walks may have meant any other.
+    if ([...event.key].length === 1 && drives() && isWanted()) act("rest");
+    return;
+  }
   event.preventDefault();
   // Whoever holds a key wants what he wanted when he pressed it.
   if (event.repeat) return;

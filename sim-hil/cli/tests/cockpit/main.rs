@@ -544,14 +544,22 @@ impl Desk {
 
     fn keys(&mut self) -> Outcome<()> {
         self.arm()?;
-        self.walk(|desk| desk.browser.press('w'))?;
-        self.browser.press('s')?;
-        self.until_resting()?;
-        self.walk(|desk| desk.browser.press('d'))?;
-        let left = self.seen()?.now;
-        self.browser.press(' ')?;
-        self.until_text("state", "stopped")?;
-        self.rests_since(left)
+        // At the last of these keys nothing is: its operator has missed another.
+        for key in ['s', 'x'] {
+            self.walk(|desk| desk.browser.press('w'))?;
+            self.browser.press(key)?;
+            self.until_resting()?;
+        }
+        // The second is what an input method sends for the space bar.
+        for key in [' ', '\u{3000}'] {
+            self.walk(|desk| desk.browser.press('d'))?;
+            let left = self.seen()?.now;
+            self.browser.press(key)?;
+            self.until_text("state", "stopped")?;
+            self.rests_since(left)?;
+            self.arm()?;
+        }
+        Ok(())
     }
 
     fn finger(&mut self) -> Outcome<()> {
