@@ -13,8 +13,9 @@
 //!
 //! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
 //!
-//! The stack's DHCP client is kept from what networks do to it (`dhcp.rs`), and nothing leaves before the stack knows
-//! that the link is up: it would begin twice, with two messages in a millisecond, and hear the answer to neither if both are lost.
+//! The stack's DHCP client is kept from what networks do to it (`dhcp.rs`), others are kept from its ICMP (`icmp.rs`), and nothing
+//! leaves before the stack knows that the link is up: it would begin twice, with two messages in a millisecond, and hear the
+//! answer to neither if both are lost.
 
 use core::cell::RefCell;
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -27,6 +28,7 @@ use flix_protocol::session::HOLDER_SILENCE;
 use heapless::Deque;
 
 use crate::dhcp::{LONGEST_MESSAGE, Lease};
+use crate::icmp::{Icmp, LONGEST_ERROR};
 use crate::link::push_newest;
 
 /// Time for which the sender of an authentic datagram stays pinned: as long as its session keeps others out.
@@ -48,6 +50,10 @@ const FRAGMENT: u16 = 0x3fff;
 const ARP_FRAME: usize = ETHERNET_HEADER + 28;
 /// Ethernet and IPv4, lengths of their addresses, reply (RFC 826).
 const ARP_REPLY: [u8; 8] = [0, 1, 0x08, 0x00, 6, 4, 0, 2];
+
+/// Longest frame of the stack that is looked at.
+const LONGEST_LOOKED_AT: usize =
+    if LONGEST_ERROR > LONGEST_MESSAGE { LONGEST_ERROR } else { LONGEST_MESSAGE };
 
 type Written = [u8; LONGEST_MESSAGE];
 type Hardware = [u8; 6];
@@ -104,6 +110,7 @@ struct State {
     /// Neighbours that the stack took since the pinned one was renewed.
     taken: usize,
     lease: Lease,
+    icmp: Icmp,
 }
 
 impl Guard {
@@ -204,6 +211,9 @@ impl State {
                 }
             }
             Some(kind) if kind == ETHERTYPE_IPV4 => {
+                if !self.icmp.admits(frame, Moment::now()) {
+                    return &mut [];
+                }
                 self.note_sender(frame);
                 match self.lease.admits(frame, written) {
                     Some(length) => &mut written[..length],
@@ -229,7 +239,8 @@ impl State {
 
     /// Notes a frame of the stack, and returns how many of its bytes may leave.
     fn releases(&mut self, frame: &mut [u8]) -> usize {
-        if self.lease.releases(frame, Moment::now()) { frame.len() } else { 0 }
+        let now = Moment::now();
+        if self.lease.releases(frame, now) { self.icmp.releases(frame, now) } else { 0 }
     }
 }
 
@@ -340,8 +351,8 @@ pub struct Sent<T>(T, &'static Guard);
 impl<T: TxToken> TxToken for Sent<T> {
     fn consume<R, F: FnOnce(&mut [u8]) -> R>(self, length: usize, make: F) -> R {
         let Self(token, guard) = self;
-        // It may be one that does not leave.
-        let mut buffer = [0; LONGEST_MESSAGE];
+        // It may be one that does not leave, or not whole.
+        let mut buffer = [0; LONGEST_LOOKED_AT];
         let Some(frame) = buffer.get_mut(..length) else { return token.consume(length, make) };
         let made = make(frame);
         let length = guard.0.borrow_mut().releases(frame);

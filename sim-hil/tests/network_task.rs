@@ -1,6 +1,7 @@
 //! The robot's network task on a network without hardware ([`flix_sim::rig::network_task`]), with the robot's two halves at
 //! rest.
 mod dhcp;
+mod icmp;
 
 use std::cell::{Cell, RefCell};
 use std::future::Future;
