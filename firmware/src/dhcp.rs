@@ -1,11 +1,12 @@
 //! What stands between the stack's DHCP client and a network that is not in order.
 //!
-//! The client (smoltcp 0.13.1, `dhcpv4`) takes a refusal (DHCPNAK) from any server, also from one that it did not choose
-//! (RFC 2131, section 3.1.5, lets others answer a broadcast request), gives its address up, and begins anew at once, as fast
-//! as the network answers. Where no server answers, it repeats itself at one rate for ever; a lease that is to be renewed at once
-//! it renews as fast as the network answers. [`Lease`] looks at its messages, both ways, and passes over those to other clients:
+//! The client (smoltcp 0.13.1, `dhcpv4`) believes each server, also one that lies or leaves options out, and the stack panics
+//! on routers and servers that no host can be. It begins anew and renews as fast as the network answers. [`Lease`] reads its
+//! messages, both ways:
 //!
-//! - A refusal of a server that was not chosen (option 54) does not reach it.
+//! - Each message to the client is written here, with the addresses that [`believed`] takes from the server's message.
+//! - An acknowledgement counts as the answer to a request alone, for the address that was asked for; at a renewal only from the
+//!   server that was asked (RFC 2131, 4.3.2). A refusal counts from the server of the lease alone.
 //! - From one beginning to the next pass at least [`PAUSES`], longer each time until an address is given: what it sends
 //!   before is dropped, and it repeats that by itself.
 //! - Nor does a renewal leave sooner than [`RENEWAL`] after the request before.
@@ -13,178 +14,250 @@
 use core::net::Ipv4Addr;
 
 use embassy_time::{Duration, Instant as Moment};
+use flix_protocol::provision::FixedAddress;
+use smoltcp::phy::ChecksumCapabilities;
+use smoltcp::wire::{
+    DHCP_CLIENT_PORT, DHCP_SERVER_PORT, DhcpMessageType as Kind, DhcpOption, DhcpPacket, DhcpRepr,
+    EthernetAddress, EthernetFrame, EthernetProtocol, IpProtocol, Ipv4Cidr, Ipv4Packet, Ipv4Repr,
+    UdpPacket, UdpRepr,
+};
 
 /// Least time from one beginning to the next, s; the last one from then on. The client repeats itself every 3 s, so that it begins
 /// after 3, 6, 12 and 24 s (RFC 2131, section 4.1, doubles likewise).
 const PAUSES: [u64; 4] = [2, 5, 11, 23];
 /// Least time from a request to a renewal. The client asks again after a minute, or when it may ask any server.
 const RENEWAL: Duration = Duration::from_millis(500);
+/// Length of a lease that says none, s. BusyBox's client assumes it, too.
+const LEASE: u32 = 3_600;
+/// Shortest lease that is believed, s: the client renews it every 4 s.
+const SHORTEST_LEASE: u32 = 8;
 
-/// Ports of servers and clients.
-const SERVER_PORT: u16 = 67;
-const CLIENT_PORT: u16 = 68;
-/// Ethernet, IPv4 without options, UDP.
+/// Options (RFC 2132): routers, times to the first renewal and to asking any server.
+const ROUTERS: u8 = 3;
+const TIMES: [u8; 2] = [58, 59];
+/// Length of an Ethernet header.
 const ETHERNET_HEADER: usize = 14;
-const UDP_HEADER: usize = 8;
-const ETHERTYPE_IPV4: [u8; 2] = [0x08, 0x00];
-const PROTOCOL_UDP: u8 = 17;
-/// Where in a message its exchange's number is, and where its options begin, behind their magic number (RFC 2131, figure 1).
-const TRANSACTION: core::ops::Range<usize> = 4..8;
-const OPTIONS: usize = 240;
-/// Options (RFC 2132): padding, end, kind of message, server.
-const PADDING: u8 = 0;
-const END: u8 = 255;
-const KIND: u8 = 53;
-const SERVER: u8 = 54;
-/// Kinds of message.
-const DISCOVER: u8 = 1;
-const REQUEST: u8 = 3;
-const ACKNOWLEDGEMENT: u8 = 5;
-const REFUSAL: u8 = 6;
-
-/// Shortest and longest frame with a message of the client: what else is as long is looked at, and nothing more.
-pub(crate) const SHORTEST_MESSAGE: usize = ETHERNET_HEADER + 20 + UDP_HEADER + OPTIONS;
-/// See [`SHORTEST_MESSAGE`].
-pub(crate) const LONGEST_MESSAGE: usize = SHORTEST_MESSAGE + 160;
+/// Longest frame with a message of the client, or with one that is written here.
+pub(crate) const LONGEST_MESSAGE: usize = ETHERNET_HEADER + 20 + 8 + 240 + 160;
 
 /// What the messages so far have shown.
 #[derive(Debug, Default)]
 pub(crate) struct Lease {
     /// The server that the client chose.
     server: Option<Ipv4Addr>,
+    /// The address for which the client has asked without an answer yet, and where it asked: of one server, or of all.
+    asked: Option<[Ipv4Addr; 2]>,
+    /// Mask and router of the lease, or of the offer: some servers leave them out when they acknowledge.
+    network: Option<Ipv4Addr>,
+    router: Option<Ipv4Addr>,
     /// When the client last began.
     began: Option<Moment>,
     /// How often it began anew since the link is up, or an address was given.
     restarts: usize,
     /// When it last requested.
     requested: Option<Moment>,
+    /// The client's hardware address.
+    client: Option<EthernetAddress>,
     /// Number of the exchange in which the client is, on the wire and as the client counts it.
-    transaction: [u8; 4],
-    own: [u8; 4],
+    transaction: u32,
+    own: u32,
 }
 
-/// What is looked at in a message.
-struct Message {
-    kind: u8,
-    server: Option<Ipv4Addr>,
-    transaction: [u8; 4],
+/// Returns what the client may believe of an offer or an acknowledgement that came from `sender`: addresses that a host can have, as
+/// in [`FixedAddress`], and the usual where the server says nothing that holds. `None` where no address is left.
+fn believed<'a>(
+    mut message: DhcpRepr<'a>,
+    routers: &[u8],
+    sender: Ipv4Addr,
+) -> Option<DhcpRepr<'a>> {
+    let own = message.your_ip;
+    let mask = message.subnet_mask.and_then(|mask| Ipv4Cidr::from_netmask(own, mask).ok());
+    // A network of one address has no neighbours.
+    let mask = mask.filter(|network| network.prefix_len() < 32);
+    let class = match own.octets()[0] {
+        ..128 => 8,
+        128..192 => 16,
+        _ => 24,
+    };
+    let network = mask.unwrap_or(Ipv4Cidr::new(own, class));
+    let is_host = |address: &Ipv4Addr| {
+        let is_near = network.contains_addr(address);
+        let prefix_length = if is_near { network.prefix_len() } else { 0 };
+        let address = FixedAddress { address: address.octets(), prefix_length, gateway: None };
+        address.is_host() && address.address[0] != 127
+    };
+    let server = [message.server_identifier, Some(sender)].into_iter().flatten().find(is_host)?;
+    let routers = routers.as_chunks().0.iter().copied().map(Ipv4Addr::from);
+    let mut routers = routers.filter(|it| network.contains_addr(it) && is_host(it) && *it != own);
+    if !is_host(&own) || own == server || own == sender {
+        return None;
+    }
+    message.server_identifier = Some(server);
+    message.router = routers.next();
+    message.subnet_mask = Some(network.netmask());
+    message.lease_duration = message.lease_duration.or(Some(LEASE)).max(Some(SHORTEST_LEASE));
+    Some(message)
 }
 
 impl Lease {
-    /// Notes a frame for the client, and returns whether it may see it.
-    pub(crate) fn admits(&mut self, frame: &mut [u8]) -> bool {
-        let Some(Message { kind, server, transaction }) = message(frame, CLIENT_PORT) else {
-            return true;
-        };
-        // One to another client says nothing about this one's server.
-        if transaction != self.transaction {
-            return true;
+    /// Reads a message of a server, and writes the one that the client gets in its place. Returns its length, 0 for none at all;
+    /// `None` where the frame is another one.
+    pub(crate) fn admits(
+        &mut self,
+        frame: &[u8],
+        written: &mut [u8; LONGEST_MESSAGE],
+    ) -> Option<usize> {
+        let (header, packet) = message(frame, [DHCP_SERVER_PORT, DHCP_CLIENT_PORT])?;
+        let message = DhcpRepr::parse(&packet).ok()?;
+        let written = self.answers(&packet, message, header.src_addr).and_then(|mut message| {
+            message.transaction_id = self.own;
+            let times = packet.options().filter(|option| TIMES.contains(&option.kind));
+            let times: heapless::Vec<DhcpOption<'_>, { TIMES.len() }> =
+                times.take(TIMES.len()).collect();
+            write(&DhcpRepr { additional_options: &times, ..message }, frame, written)
+        });
+        Some(written.unwrap_or(0))
+    }
+
+    /// Notes a message of a server, and returns what the client may believe of it.
+    fn answers<'a>(
+        &mut self,
+        packet: &DhcpPacket<&'a [u8]>,
+        mut message: DhcpRepr<'a>,
+        sender: Ipv4Addr,
+    ) -> Option<DhcpRepr<'a>> {
+        let to = Some(message.client_hardware_address);
+        if (message.transaction_id, to) != (self.transaction, self.client) {
+            return None;
         }
-        renumber(frame, self.own);
-        match kind {
-            ACKNOWLEDGEMENT => {
-                // A request to any server (rebinding) may be granted by another one.
-                self.server = server.or(self.server);
-                self.restarts = 0;
-                true
-            }
-            REFUSAL => self.server.is_none() || server == self.server,
-            _ => true,
+        if message.message_type == Kind::Nak {
+            let server = message.server_identifier.unwrap_or(sender);
+            self.asked.take_if(|_| self.server == Some(server))?;
+            message.server_identifier = Some(server);
+            return Some(message);
         }
+        if message.message_type == Kind::Offer && self.server.is_some() {
+            return None;
+        }
+        message.subnet_mask = message.subnet_mask.or(self.network);
+        let known = self.router.map(|router| router.octets());
+        let routers = packet.options().find(|option| option.kind == ROUTERS);
+        let routers = routers.map(|option| option.data).or(known.as_ref().map(|it| &it[..]));
+        let message = believed(message, routers.unwrap_or(&[]), sender)?;
+        if message.message_type == Kind::Ack {
+            let grant = [message.your_ip, message.server_identifier?];
+            self.asked.take_if(|[address, at]| {
+                *address == grant[0] && (at.is_broadcast() || *at == grant[1])
+            })?;
+            (self.server, self.restarts) = (message.server_identifier, 0);
+        }
+        (self.network, self.router) = (message.subnet_mask, message.router);
+        Some(message)
     }
 
     /// Notes a frame of the client, and returns whether it may leave.
     pub(crate) fn releases(&mut self, frame: &mut [u8], now: Moment) -> bool {
-        let Some(Message { kind, server, transaction }) = message(frame, SERVER_PORT) else {
+        let Some((header, packet)) = message(frame, [DHCP_CLIENT_PORT, DHCP_SERVER_PORT]) else {
             return true;
         };
+        let Ok(message) = DhcpRepr::parse(&packet) else { return true };
+        let server = message.server_identifier;
         let is_within = |since: Option<Moment>, pause: Duration| {
             since.is_some_and(|since| now.saturating_duration_since(since) < pause)
         };
-        self.own = transaction;
+        (self.own, self.client) = (message.transaction_id, Some(message.client_hardware_address));
         // A beginning that is repeated keeps its number: its first one may be answered late.
-        let mut is_new = kind != REQUEST || server.is_none();
-        match kind {
-            DISCOVER => {
+        let mut is_new = message.message_type != Kind::Request || server.is_none();
+        match message.message_type {
+            Kind::Discover => {
                 let pause = PAUSES[self.restarts.min(PAUSES.len() - 1)];
                 if is_within(self.began, Duration::from_secs(pause)) {
                     return false;
                 }
                 self.restarts += usize::from(self.began.is_some());
                 is_new = self.server.is_some() || self.began.is_none();
-                (self.server, self.began) = (None, Some(now));
+                (self.server, self.asked, self.began) = (None, None, Some(now));
+                (self.network, self.router) = (None, None);
             }
-            REQUEST => {
+            Kind::Request => {
                 // A renewal names no server, but the one that was chosen goes on to be it.
                 if server.is_none() && is_within(self.requested, RENEWAL) {
                     return false;
                 }
                 (self.server, self.requested) = (server.or(self.server), Some(now));
+                self.asked =
+                    Some([message.requested_ip.unwrap_or(message.client_ip), header.dst_addr]);
             }
             _ => {}
         }
         if is_new {
-            self.transaction = transaction;
+            self.transaction = self.own;
         }
         renumber(frame, self.transaction);
         true
     }
 }
 
-/// Gives a message another number, and no check sum (RFC 768 allows that).
-fn renumber(frame: &mut [u8], transaction: [u8; 4]) {
-    let Some(segment) = segment(frame).and_then(|it| frame.get_mut(it)) else { return };
-    let Some((head, payload)) = segment.split_at_mut_checked(UDP_HEADER) else { return };
-    if let Some(number) = payload.get_mut(TRANSACTION)
-        && *number != transaction
-    {
-        number.copy_from_slice(&transaction);
-        head[6..].fill(0);
-    }
+/// Gives the client's message another number, and no check sum (RFC 768 allows that).
+fn renumber(frame: &mut [u8], transaction: u32) {
+    let mut frame = EthernetFrame::new_unchecked(frame);
+    let mut packet = Ipv4Packet::new_unchecked(frame.payload_mut());
+    let mut datagram = UdpPacket::new_unchecked(packet.payload_mut());
+    datagram.set_checksum(0);
+    DhcpPacket::new_unchecked(datagram.payload_mut()).set_transaction_id(transaction);
 }
 
-/// Returns where the UDP header and what follows it are in an IPv4 frame.
-fn segment(frame: &[u8]) -> Option<core::ops::RangeFrom<usize>> {
-    let words = frame.get(ETHERNET_HEADER)? & 0x0f;
-    Some(ETHERNET_HEADER + usize::from(words) * 4..)
-}
-
-fn number(bytes: &[u8]) -> Option<u16> {
-    <[u8; 2]>::try_from(bytes).ok().map(u16::from_be_bytes)
-}
-
-/// Returns the DHCP message in a frame to this port.
-fn message(frame: &[u8], port: u16) -> Option<Message> {
-    let is_ipv4 = frame.get(12..ETHERNET_HEADER)? == ETHERTYPE_IPV4;
-    if !is_ipv4 || *frame.get(ETHERNET_HEADER + 9)? != PROTOCOL_UDP {
+/// Returns the DHCP message in a frame from and to these ports that is in order.
+fn message(frame: &[u8], ports: [u16; 2]) -> Option<(Ipv4Repr, DhcpPacket<&[u8]>)> {
+    let frame = EthernetFrame::new_checked(frame).ok()?;
+    let packet = Ipv4Packet::new_checked(frame.payload()).ok()?;
+    let datagram = UdpPacket::new_checked(packet.payload()).ok()?;
+    let is_message = frame.ethertype() == EthernetProtocol::Ipv4
+        && packet.next_header() == IpProtocol::Udp
+        && [datagram.src_port(), datagram.dst_port()] == ports;
+    if !is_message {
         return None;
     }
-    let segment = frame.get(segment(frame)?)?;
-    if number(segment.get(2..4)?)? != port {
-        return None;
-    }
-    let payload = segment.get(UDP_HEADER..)?;
-    let transaction = payload.get(TRANSACTION)?.try_into().ok()?;
-    let mut options = payload.get(OPTIONS..)?;
-    let (mut kind, mut server) = (None, None);
-    loop {
-        options = match options {
-            [PADDING, rest @ ..] => rest,
-            [END, ..] | [] | [_] => break,
-            [code, length, rest @ ..] => {
-                let value = rest.get(..usize::from(*length))?;
-                match *code {
-                    KIND => kind = value.first().copied(),
-                    SERVER => {
-                        server = <[u8; 4]>::try_from(value).ok().map(Ipv4Addr::from);
-                    }
-                    _ => {}
-                }
-                rest.get(usize::from(*length)..)?
-            }
-        };
-    }
-    Some(Message { kind: kind?, server, transaction })
+    let checks = ChecksumCapabilities::default();
+    let header = Ipv4Repr::parse(&packet, &checks).ok()?;
+    let [from, to] = [header.src_addr, header.dst_addr].map(Into::into);
+    UdpRepr::parse(&datagram, &from, &to, &checks).ok()?;
+    Some((header, DhcpPacket::new_checked(datagram.payload()).ok()?))
+}
+
+/// Writes a server's message below the Ethernet header of this frame, from the server that it names. Returns its length, if it fits.
+fn write(
+    message: &DhcpRepr<'_>,
+    frame: &[u8],
+    written: &mut [u8; LONGEST_MESSAGE],
+) -> Option<usize> {
+    let ports = UdpRepr { src_port: DHCP_SERVER_PORT, dst_port: DHCP_CLIENT_PORT };
+    let length = message.buffer_len();
+    let header = Ipv4Repr {
+        src_addr: message.server_identifier?,
+        dst_addr: Ipv4Addr::BROADCAST,
+        next_header: IpProtocol::Udp,
+        payload_len: ports.header_len() + length,
+        hop_limit: 64,
+    };
+    let whole = ETHERNET_HEADER + header.buffer_len() + header.payload_len;
+    let (ethernet, packet) = written.get_mut(..whole)?.split_at_mut(ETHERNET_HEADER);
+    ethernet.copy_from_slice(frame.get(..ETHERNET_HEADER)?);
+    let checks = ChecksumCapabilities::default();
+    let mut packet = Ipv4Packet::new_unchecked(packet);
+    header.emit(&mut packet, &checks);
+    let [from, to] = [header.src_addr, header.dst_addr].map(Into::into);
+    let emit = |payload: &mut [u8]| message.emit(&mut DhcpPacket::new_unchecked(payload));
+    let mut result = Ok(());
+    ports.emit(
+        &mut UdpPacket::new_unchecked(packet.payload_mut()),
+        &from,
+        &to,
+        length,
+        |payload| result = emit(payload),
+        &checks,
+    );
+    result.ok().map(|()| whole)
 }
 
 #[cfg(test)]
@@ -192,61 +265,116 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
-    const OURS: [u8; 4] = [10, 0, 0, 254];
-    const OTHER: [u8; 4] = [10, 0, 0, 253];
+    const OURS: Ipv4Addr = Ipv4Addr::new(10, 0, 0, 254);
+    const OTHER: Ipv4Addr = Ipv4Addr::new(10, 0, 0, 253);
+    const GIVEN: Ipv4Addr = Ipv4Addr::new(10, 0, 0, 7);
+    const NUMBER: core::ops::Range<usize> = 46..50;
 
-    fn frame(port: u16, kind: u8, server: Option<[u8; 4]>) -> Vec<u8> {
-        let mut frame = std::vec![0; ETHERNET_HEADER + 20 + UDP_HEADER + OPTIONS];
-        frame[12..14].copy_from_slice(&ETHERTYPE_IPV4);
-        frame[14] = 0x45;
-        frame[23] = PROTOCOL_UDP;
-        frame[36..38].copy_from_slice(&port.to_be_bytes());
-        frame[46..50].copy_from_slice(&[0, 0, 0, 9]);
-        frame.extend([KIND, 1, kind]);
-        if let Some(server) = server {
-            frame.extend([PADDING, SERVER, 4]);
-            frame.extend(server);
-        }
-        frame.push(END);
+    /// Returns a message of this number from a client or a server, the latter where `server` is.
+    fn numbered(kind: Kind, server: Option<Ipv4Addr>, number: u32) -> Vec<u8> {
+        let is_reply = matches!(kind, Kind::Offer | Kind::Ack | Kind::Nak);
+        let ports = [DHCP_CLIENT_PORT, DHCP_SERVER_PORT].map(u16::to_be_bytes);
+        let [from, to] = if is_reply { [ports[1], ports[0]] } else { ports };
+        let is_renewal = kind == Kind::Request && server.is_none();
+        let mut payload = std::vec![0; 240];
+        payload[..3].copy_from_slice(&[1 + u8::from(is_reply), 1, 6]);
+        payload[4..8].copy_from_slice(&number.to_be_bytes());
+        payload[if is_renewal { 12..16 } else { 16..20 }].copy_from_slice(&GIVEN.octets());
+        payload[236..].copy_from_slice(&[99, 130, 83, 99]);
+        payload.extend([53, 1, kind.into(), 0]);
+        payload
+            .extend([50, 4].into_iter().chain(GIVEN.octets()).filter(|_| !is_reply && !is_renewal));
+        payload.extend(server.iter().flat_map(|it| [54, 4].into_iter().chain(it.octets())));
+        payload.push(255);
+        let length = 8 + payload.len();
+        let header = Ipv4Repr {
+            src_addr: server.unwrap_or(OTHER),
+            dst_addr: if is_renewal { OURS } else { Ipv4Addr::BROADCAST },
+            next_header: IpProtocol::Udp,
+            payload_len: length,
+            hop_limit: 64,
+        };
+        let mut frame = std::vec![0; ETHERNET_HEADER + 20];
+        frame[12..14].copy_from_slice(&[0x08, 0x00]);
+        let checks = ChecksumCapabilities::default();
+        let lengths = (length as u16).to_be_bytes();
+        frame.extend([from, to, lengths, [0, 0]].concat());
+        frame.extend(payload);
+        header.emit(&mut Ipv4Packet::new_unchecked(&mut frame[ETHERNET_HEADER..]), &checks);
         frame
+    }
+
+    fn frame(kind: Kind, server: Option<Ipv4Addr>) -> Vec<u8> {
+        numbered(kind, server, 9)
+    }
+
+    /// Lets a message pass to the client; returns its number, where it does.
+    fn hears(lease: &mut Lease, kind: Kind, server: Option<Ipv4Addr>, number: u32) -> Option<u32> {
+        let mut written = [0; LONGEST_MESSAGE];
+        let length = lease.admits(&numbered(kind, server, number), &mut written).unwrap();
+        let (header, packet) = message(&written[..length], [DHCP_SERVER_PORT, DHCP_CLIENT_PORT])?;
+        let message = DhcpRepr::parse(&packet).unwrap();
+        assert_eq!(Some(header.src_addr), message.server_identifier);
+        Some(message.transaction_id)
+    }
+
+    fn is_heard(lease: &mut Lease, kind: Kind, server: Option<Ipv4Addr>) -> bool {
+        hears(lease, kind, server, 9).is_some()
+    }
+
+    /// Lets a message leave; returns its number, where it does.
+    fn says(
+        lease: &mut Lease,
+        kind: Kind,
+        server: Option<Ipv4Addr>,
+        own: u32,
+        ms: u64,
+    ) -> Option<u32> {
+        let mut out = numbered(kind, server, own);
+        // A check sum of 0 is none, and one of other bytes is wrong.
+        let leaves = lease.releases(&mut out, Moment::from_millis(ms));
+        leaves.then(|| u32::from_be_bytes(out[NUMBER].try_into().unwrap()))
+    }
+
+    fn leaves(lease: &mut Lease, kind: Kind, server: Option<Ipv4Addr>, ms: u64) -> bool {
+        says(lease, kind, server, 9, ms).is_some()
     }
 
     fn chosen() -> Lease {
         let mut lease = Lease::default();
-        let at = Moment::from_secs(10);
-        assert!(lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), at));
-        assert!(lease.releases(&mut frame(SERVER_PORT, REQUEST, Some(OURS)), at));
+        assert!(leaves(&mut lease, Kind::Discover, None, 10_000));
+        assert!(leaves(&mut lease, Kind::Request, Some(OURS), 10_000));
         lease
     }
 
     #[test]
     fn only_the_chosen_server_refuses() {
         let mut lease = chosen();
-        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
-        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, None)));
-        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+        assert!(!is_heard(&mut lease, Kind::Nak, Some(OTHER)));
+        assert!(!is_heard(&mut lease, Kind::Nak, None));
+        assert!(is_heard(&mut lease, Kind::Nak, Some(OURS)));
+        assert!(!is_heard(&mut lease, Kind::Nak, Some(OURS)), "nothing was asked");
     }
 
     #[test]
-    fn a_renewal_is_refused_by_the_server_of_the_lease_alone() {
-        let mut lease = chosen();
-        assert!(lease.admits(&mut frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
-        assert!(lease.releases(&mut frame(SERVER_PORT, REQUEST, None), Moment::from_secs(99)));
-        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
-        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+    fn a_renewal_is_answered_by_the_server_of_the_lease_alone() {
+        for answer in [Kind::Ack, Kind::Nak] {
+            let mut lease = chosen();
+            assert!(is_heard(&mut lease, Kind::Ack, Some(OURS)));
+            assert!(!is_heard(&mut lease, answer, Some(OURS)), "nothing was asked");
+            assert!(leaves(&mut lease, Kind::Request, None, 99_000));
+            assert!(!is_heard(&mut lease, answer, Some(OTHER)));
+            assert!(is_heard(&mut lease, answer, Some(OURS)));
+        }
     }
 
     /// Returns when a client begins that would every millisecond, or where `refused`, once it has requested and was refused, ms.
     fn beginnings(mut lease: Lease, until_ms: u64, refused: bool) -> Vec<u64> {
-        let discover = frame(SERVER_PORT, DISCOVER, None);
         let begins = |ms: &u64| {
-            let begins = lease.releases(&mut discover.clone(), Moment::from_millis(*ms));
+            let begins = leaves(&mut lease, Kind::Discover, None, *ms);
             if begins && refused {
-                assert!(lease.releases(
-                    &mut frame(SERVER_PORT, REQUEST, Some(OURS)),
-                    Moment::from_millis(*ms)
-                ));
-                assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+                assert!(leaves(&mut lease, Kind::Request, Some(OURS), *ms));
+                assert!(is_heard(&mut lease, Kind::Nak, Some(OURS)));
             }
             begins
         };
@@ -261,115 +389,84 @@ mod tests {
         }
     }
 
-    /// Returns the number of a message on the wire, or as the client gets it.
-    fn numbered(mut frame: Vec<u8>, own: u8, pass: impl FnOnce(&mut [u8]) -> bool) -> Option<u8> {
-        frame[49] = own;
-        // A check sum.
-        frame[41] = 1;
-        let is_passed = pass(&mut frame);
-        assert_eq!(frame[41] == 1, frame[49] == own, "a check sum of other bytes");
-        is_passed.then_some(frame[49])
-    }
-
     #[test]
     fn a_beginning_that_is_repeated_keeps_its_number_and_an_answer_to_it_finds_the_client() {
         let mut lease = Lease::default();
-        let says = |lease: &mut Lease, kind, server, own, s| {
-            let out = frame(SERVER_PORT, kind, server);
-            numbered(out, own, |it| lease.releases(it, Moment::from_secs(s)))
-        };
-        let hears = |lease: &mut Lease, kind, number| {
-            numbered(frame(CLIENT_PORT, kind, Some(OURS)), number, |it| lease.admits(it))
-        };
-        const OFFER: u8 = 2;
-        assert_eq!(says(&mut lease, DISCOVER, None, 1, 10), Some(1));
-        assert_eq!(says(&mut lease, DISCOVER, None, 2, 13), Some(1));
+        let lease = &mut lease;
+        assert_eq!(says(lease, Kind::Discover, None, 1, 10_000), Some(1));
+        assert_eq!(says(lease, Kind::Discover, None, 2, 13_000), Some(1));
         // One too early does not leave, but the client goes by it.
-        assert_eq!(says(&mut lease, DISCOVER, None, 3, 14), None);
-        assert_eq!(hears(&mut lease, OFFER, 1), Some(3));
-        assert_eq!(hears(&mut lease, OFFER, 7), Some(7), "to somebody else");
-        assert_eq!(says(&mut lease, REQUEST, Some(OURS), 3, 15), Some(1));
-        assert_eq!(hears(&mut lease, ACKNOWLEDGEMENT, 1), Some(3));
+        assert_eq!(says(lease, Kind::Discover, None, 3, 14_000), None);
+        assert_eq!(hears(lease, Kind::Offer, Some(OURS), 1), Some(3));
+        assert_eq!(hears(lease, Kind::Offer, Some(OURS), 3), None, "to somebody else");
+        assert_eq!(says(lease, Kind::Request, Some(OURS), 3, 15_000), Some(1));
+        assert_eq!(hears(lease, Kind::Ack, Some(OURS), 1), Some(3));
         // A renewal, and a new beginning, are others.
-        assert_eq!(says(&mut lease, REQUEST, None, 4, 99), Some(4));
-        assert_eq!(hears(&mut lease, ACKNOWLEDGEMENT, 4), Some(4));
-        assert_eq!(says(&mut lease, DISCOVER, None, 5, 200), Some(5));
-        assert_eq!(says(&mut lease, DISCOVER, None, 6, 206), Some(5));
-        const DECLINE: u8 = 4;
-        assert_eq!(says(&mut lease, DECLINE, Some(OURS), 8, 207), Some(8));
+        assert_eq!(says(lease, Kind::Request, None, 4, 99_000), Some(4));
+        assert_eq!(hears(lease, Kind::Ack, Some(OURS), 4), Some(4));
+        assert_eq!(says(lease, Kind::Discover, None, 5, 200_000), Some(5));
+        assert_eq!(says(lease, Kind::Discover, None, 6, 206_000), Some(5));
+        assert_eq!(says(lease, Kind::Decline, Some(OURS), 8, 207_000), Some(8));
     }
 
     #[test]
     fn an_address_ends_the_pauses() {
         let mut lease = Lease::default();
         for s in [0, 2, 7, 18, 41] {
-            assert!(lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(s)));
+            assert!(leaves(&mut lease, Kind::Discover, None, s * 1_000));
         }
-        assert!(lease.admits(&mut frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
-        assert!(
-            !lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), Moment::from_millis(42_999))
-        );
-        assert!(lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(43)));
+        assert!(leaves(&mut lease, Kind::Request, Some(OURS), 41_000));
+        assert!(is_heard(&mut lease, Kind::Ack, Some(OURS)));
+        assert!(!leaves(&mut lease, Kind::Discover, None, 42_999));
+        assert!(leaves(&mut lease, Kind::Discover, None, 43_000));
     }
 
     #[test]
-    fn who_granted_last_refuses() {
+    fn the_server_that_granted_last_refuses() {
         let mut lease = chosen();
-        assert!(lease.admits(&mut frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OTHER))));
-        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
-        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
-    }
-
-    #[test]
-    fn a_client_that_begins_anew_has_chosen_nobody() {
-        let mut lease = chosen();
-        assert!(lease.releases(&mut frame(SERVER_PORT, DISCOVER, None), Moment::from_secs(30)));
-        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
+        assert!(is_heard(&mut lease, Kind::Ack, Some(OTHER)));
+        assert!(leaves(&mut lease, Kind::Request, None, 99_000));
+        assert!(!is_heard(&mut lease, Kind::Nak, Some(OURS)));
+        assert!(is_heard(&mut lease, Kind::Nak, Some(OTHER)));
     }
 
     #[test]
     fn messages_to_other_clients_change_nothing() {
-        let to_another = |kind, server| {
-            let mut frame = frame(CLIENT_PORT, kind, Some(server));
-            frame[46] = 1;
-            frame
-        };
         let mut lease = chosen();
-        assert!(lease.admits(&mut to_another(ACKNOWLEDGEMENT, OTHER)));
-        assert!(lease.admits(&mut to_another(REFUSAL, OTHER)));
-        assert!(!lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OTHER))));
-        assert!(lease.admits(&mut frame(CLIENT_PORT, REFUSAL, Some(OURS))));
+        for kind in [Kind::Ack, Kind::Nak] {
+            assert_eq!(hears(&mut lease, kind, Some(OURS), 8), None);
+            let mut to_another = frame(kind, Some(OURS));
+            to_another[70] = 1;
+            let mut written = [0; LONGEST_MESSAGE];
+            assert_eq!(lease.admits(&to_another, &mut written), Some(0));
+        }
+        assert!(is_heard(&mut lease, Kind::Ack, Some(OURS)));
     }
 
     #[test]
     fn a_lease_that_is_to_be_renewed_at_once_is_not() {
         let mut lease = chosen();
-        assert!(lease.admits(&mut frame(CLIENT_PORT, ACKNOWLEDGEMENT, Some(OURS))));
-        let renewal = frame(SERVER_PORT, REQUEST, None);
-        assert!(!lease.releases(&mut renewal.clone(), Moment::from_millis(10_499)));
-        assert!(lease.releases(&mut renewal.clone(), Moment::from_millis(10_500)));
-        assert!(!lease.releases(&mut renewal.clone(), Moment::from_millis(10_999)));
-        assert!(
-            lease.releases(
-                &mut frame(SERVER_PORT, REQUEST, Some(OURS)),
-                Moment::from_millis(10_501)
-            )
-        );
+        assert!(is_heard(&mut lease, Kind::Ack, Some(OURS)));
+        assert!(!leaves(&mut lease, Kind::Request, None, 10_499));
+        assert!(leaves(&mut lease, Kind::Request, None, 10_500));
+        assert!(!leaves(&mut lease, Kind::Request, None, 10_999));
+        assert!(leaves(&mut lease, Kind::Request, Some(OURS), 10_501));
     }
 
     #[test]
-    fn other_frames_and_damaged_messages_pass() {
+    fn other_frames_and_damaged_messages_are_left_to_the_stack() {
         let mut lease = chosen();
-        let refusal = frame(CLIENT_PORT, REFUSAL, Some(OTHER));
-        for length in 0..refusal.len() - 8 {
-            assert!(lease.admits(&mut refusal[..length].to_vec()), "{length}");
+        let mut written = [0; LONGEST_MESSAGE];
+        let refusal = frame(Kind::Nak, Some(OTHER));
+        for length in 0..refusal.len() {
+            assert_eq!(lease.admits(&refusal[..length], &mut written), None, "{length}");
         }
-        assert!(lease.admits(&mut frame(CLIENT_PORT + 1, REFUSAL, Some(OTHER))));
-        for (at, byte) in [(12, 0x86), (23, 6)] {
+        // Kind of frame, protocol, check sum, ports, check sum, magic number.
+        for at in [12, 23, 25, 35, 37, 41, 279] {
             let mut other = refusal.clone();
-            other[at] = byte;
-            assert!(lease.admits(&mut other), "{at}");
+            other[at] ^= 1;
+            assert_eq!(lease.admits(&other, &mut written), None, "{at}");
         }
-        assert!(lease.releases(&mut frame(CLIENT_PORT, DISCOVER, None), Moment::from_secs(10)));
+        assert!(lease.releases(&mut frame(Kind::Offer, Some(OURS)), Moment::from_secs(10)));
     }
 }

@@ -83,6 +83,8 @@ pub mod board;
 mod dhcp;
 pub mod fast;
 pub mod hardware;
+#[cfg(feature = "net")]
+mod icmp;
 pub mod joining;
 pub mod link;
 #[cfg(feature = "net")]

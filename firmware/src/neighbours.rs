@@ -13,8 +13,9 @@
 //!
 //! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
 //!
-//! The stack's DHCP client is kept from what networks do to it (`dhcp.rs`), and nothing leaves before the stack knows
-//! that the link is up: it would begin twice, with two messages in a millisecond, and hear the answer to neither if both are lost.
+//! The stack's DHCP client is kept from what networks do to it (`dhcp.rs`), others are kept from its ICMP (`icmp.rs`), and nothing
+//! leaves before the stack knows that the link is up: it would begin twice, with two messages in a millisecond, and hear the
+//! answer to neither if both are lost.
 
 use core::cell::RefCell;
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -26,7 +27,8 @@ use flix_protocol::DEFAULT_PORT;
 use flix_protocol::session::HOLDER_SILENCE;
 use heapless::Deque;
 
-use crate::dhcp::{LONGEST_MESSAGE, Lease, SHORTEST_MESSAGE};
+use crate::dhcp::{LONGEST_MESSAGE, Lease};
+use crate::icmp::{Icmp, LONGEST_ERROR};
 use crate::link::push_newest;
 
 /// Time for which the sender of an authentic datagram stays pinned: as long as its session keeps others out.
@@ -49,6 +51,11 @@ const ARP_FRAME: usize = ETHERNET_HEADER + 28;
 /// Ethernet and IPv4, lengths of their addresses, reply (RFC 826).
 const ARP_REPLY: [u8; 8] = [0, 1, 0x08, 0x00, 6, 4, 0, 2];
 
+/// Longest frame of the stack that is looked at.
+const LONGEST_LOOKED_AT: usize =
+    if LONGEST_ERROR > LONGEST_MESSAGE { LONGEST_ERROR } else { LONGEST_MESSAGE };
+
+type Written = [u8; LONGEST_MESSAGE];
 type Hardware = [u8; 6];
 type Mark = [u8; MARK];
 
@@ -103,6 +110,7 @@ struct State {
     /// Neighbours that the stack took since the pinned one was renewed.
     taken: usize,
     lease: Lease,
+    icmp: Icmp,
 }
 
 impl Guard {
@@ -188,31 +196,51 @@ impl State {
         }
     }
 
-    /// Notes what a frame shows, and returns whether the stack may see it.
-    fn admits(&mut self, frame: &mut [u8]) -> bool {
+    /// Notes what a frame shows, and returns what the stack sees of it: it drops an empty frame.
+    fn admits<'a>(&mut self, frame: &'a mut [u8], written: &'a mut Written) -> &'a mut [u8] {
         match frame.get(12..ETHERNET_HEADER) {
             Some(kind) if kind == ETHERTYPE_ARP => {
                 self.taken += 1;
                 if let Some((_, taken)) = &mut self.held {
                     *taken += 1;
                 }
-                arp_sender(frame)
-                    .is_some_and(|(address, hardware)| !self.is_elsewhere(address, hardware))
+                let sender = arp_sender(frame);
+                match sender.filter(|(address, hardware)| !self.is_elsewhere(*address, hardware)) {
+                    Some(_) => frame,
+                    None => &mut [],
+                }
             }
             Some(kind) if kind == ETHERTYPE_IPV4 => {
-                if let Some((sender, mark)) = datagram_sender(frame)
-                    && !self.is_copy(&sender, &mark)
-                {
-                    push_newest(&mut self.senders, (sender, mark));
-                    let is_elsewhere = self.is_elsewhere(sender.address, &sender.hardware);
-                    if !is_elsewhere && self.reported != Some(sender) {
-                        self.due = Some(sender);
-                    }
+                if !self.icmp.admits(frame, Moment::now()) {
+                    return &mut [];
                 }
-                self.lease.admits(frame)
+                self.note_sender(frame);
+                match self.lease.admits(frame, written) {
+                    Some(length) => &mut written[..length],
+                    None => frame,
+                }
             }
-            _ => true,
+            _ => frame,
         }
+    }
+
+    /// Notes who sent a datagram to the robot's port, if one is in this frame.
+    fn note_sender(&mut self, frame: &[u8]) {
+        if let Some((sender, mark)) = datagram_sender(frame)
+            && !self.is_copy(&sender, &mark)
+        {
+            push_newest(&mut self.senders, (sender, mark));
+            let is_elsewhere = self.is_elsewhere(sender.address, &sender.hardware);
+            if !is_elsewhere && self.reported != Some(sender) {
+                self.due = Some(sender);
+            }
+        }
+    }
+
+    /// Notes a frame of the stack, and returns how many of its bytes may leave.
+    fn releases(&mut self, frame: &mut [u8]) -> usize {
+        let now = Moment::now();
+        if self.lease.releases(frame, now) { self.icmp.releases(frame, now) } else { 0 }
     }
 }
 
@@ -323,15 +351,13 @@ pub struct Sent<T>(T, &'static Guard);
 impl<T: TxToken> TxToken for Sent<T> {
     fn consume<R, F: FnOnce(&mut [u8]) -> R>(self, length: usize, make: F) -> R {
         let Self(token, guard) = self;
-        if !(SHORTEST_MESSAGE..=LONGEST_MESSAGE).contains(&length) {
-            return token.consume(length, make);
-        }
-        // It may be one that does not leave.
-        let mut buffer = [0; LONGEST_MESSAGE];
-        let frame = &mut buffer[..length];
+        // It may be one that does not leave, or not whole.
+        let mut buffer = [0; LONGEST_LOOKED_AT];
+        let Some(frame) = buffer.get_mut(..length) else { return token.consume(length, make) };
         let made = make(frame);
-        if guard.0.borrow_mut().lease.releases(frame, Moment::now()) {
-            token.consume(length, |place| place.copy_from_slice(frame));
+        let length = guard.0.borrow_mut().releases(frame);
+        if length > 0 {
+            token.consume(length, |place| place.copy_from_slice(&frame[..length]));
         }
         made
     }
@@ -349,9 +375,9 @@ impl<R: RxToken> RxToken for Received<R> {
     fn consume<T, F: FnOnce(&mut [u8]) -> T>(self, take: F) -> T {
         match self {
             Self::Frame(token, guard) => token.consume(|frame| {
-                let is_admitted = guard.0.borrow_mut().admits(frame);
-                // An empty frame is dropped by the stack.
-                take(if is_admitted { frame } else { &mut [] })
+                let mut written = [0; LONGEST_MESSAGE];
+                let seen = guard.0.borrow_mut().admits(frame, &mut written);
+                take(seen)
             }),
             Self::Report(mut frame) => take(&mut frame),
         }

@@ -130,7 +130,8 @@ pub fn is_name(name: &str) -> bool {
 
 impl FixedAddress {
     /// Returns whether a host can have this address. The stack panics on some that none can have.
-    fn is_host(&self) -> bool {
+    #[must_use]
+    pub fn is_host(&self) -> bool {
         // Bits of the host; networks of one and two have no address of their own (RFC 3021).
         let hosts = u32::MAX.checked_shr(self.prefix_length.into()).unwrap_or(0);
         let own = u32::from_be_bytes(self.address) & hosts;

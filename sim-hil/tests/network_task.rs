@@ -1,5 +1,8 @@
 //! The robot's network task on a network without hardware ([`flix_sim::rig::network_task`]), with the robot's two halves at
 //! rest.
+mod dhcp;
+mod icmp;
+
 use std::cell::{Cell, RefCell};
 use std::future::Future;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
@@ -126,6 +129,7 @@ fn key() -> Key {
 /// An operator who commands over a socket.
 struct Operator {
     session: OperatorSession,
+    robot: Ipv4Addr,
     socket: UdpSocket<'static>,
     outcomes: Vec<Outcome>,
     telemetry: usize,
@@ -133,8 +137,14 @@ struct Operator {
 
 impl Operator {
     fn new(world: &World) -> Self {
+        Self::to(world, ROBOT)
+    }
+
+    /// The same, of a robot at this address.
+    fn to(world: &World, robot: Ipv4Addr) -> Self {
         Self {
             session: OperatorSession::new(key(), [9; 32], now()),
+            robot,
             socket: world.network.socket(40_000),
             outcomes: Vec::new(),
             telemetry: 0,
@@ -142,7 +152,7 @@ impl Operator {
     }
 
     async fn send(&self, datagram: &[u8]) {
-        let robot = IpEndpoint::new(ROBOT.into(), DEFAULT_PORT);
+        let robot = IpEndpoint::new(self.robot.into(), DEFAULT_PORT);
         self.socket.send_to(datagram, robot).await.unwrap();
     }
 
@@ -550,84 +560,4 @@ fn a_robot_answers_with_its_name_when_somebody_looks_for_robots() {
         let answer = &buffer[..length];
         assert!(answer.windows(5).any(|part| part == b"daisy"), "{answer:?}");
     });
-}
-
-#[test]
-fn a_robot_without_a_dhcp_server_asks_less_and_less_often_and_at_once_when_the_link_is_back() {
-    play_with(Config::dhcpv4(net::dhcp("daisy")), Some(key()), |world| async move {
-        let asked = Rc::new(RefCell::new(Vec::new()));
-        let seen = asked.clone();
-        world.wire.watch(move |frame| {
-            if matches!(network::ports_and_payload(frame), Some((68, 67, _))) {
-                seen.borrow_mut().push(now().as_micros() / 1_000);
-            }
-        });
-        Timer::after(Duration::from_millis(10_000)).await;
-        world.network.plug(false);
-        Timer::after(Duration::from_millis(100)).await;
-        world.network.plug(true);
-        Timer::after(Duration::from_millis(3_300)).await;
-        let near = |ms: u64| ms / 50 * 50;
-        let asked: Vec<u64> = asked.borrow().iter().map(|ms| near(*ms)).collect();
-        assert_eq!(asked, [0, 3_000, 9_000, 10_100, 13_100]);
-    });
-}
-
-/// An answer to a message of DHCP: an offer or an acknowledgement of this address.
-fn answer_to(message: &[u8], kind: u8, [given, server]: [Ipv4Addr; 2]) -> Vec<u8> {
-    let mut answer = vec![0; 236];
-    answer[..4].copy_from_slice(&[2, 1, 6, 0]);
-    answer[4..8].copy_from_slice(&message[4..8]);
-    answer[16..20].copy_from_slice(&given.octets());
-    answer[28..44].copy_from_slice(&message[28..44]);
-    let hour = [0, 0, 14, 16];
-    let options: [&[u8]; 6] = [
-        &[99, 130, 83, 99, 53, 1, kind, 54, 4],
-        &server.octets(),
-        &[51, 4],
-        &hour,
-        &[1, 4, 255, 255, 255, 0],
-        &[255],
-    ];
-    [answer, options.concat()].concat()
-}
-
-#[test]
-fn a_dhcp_server_that_offers_late_gives_an_address_all_the_same() {
-    const DISCOVER: u8 = 1;
-    const OFFER: u8 = 2;
-    const REQUEST: u8 = 3;
-    const ACKNOWLEDGEMENT: u8 = 5;
-    let (given, server) = (Ipv4Addr::new(10, 0, 0, 77), Ipv4Addr::new(10, 0, 0, 253));
-    for late_ms in [20, 2_990, 3_010, 3_500, 8_000] {
-        play_with(Config::dhcpv4(net::dhcp("daisy")), Some(key()), |world| async move {
-            let answers = Rc::new(RefCell::new(Vec::new()));
-            let (due, is_there) = (answers.clone(), Rc::new(Cell::new(false)));
-            let seen = is_there.clone();
-            world.wire.watch(move |frame| {
-                seen.set(seen.get() || frame.get(26..30) == Some(&given.octets()[..]));
-                let Some((68, 67, message)) = network::ports_and_payload(frame) else { return };
-                let (wait, kind) = match message[242] {
-                    DISCOVER => (late_ms, OFFER),
-                    REQUEST => (5, ACKNOWLEDGEMENT),
-                    _ => return,
-                };
-                let answer = answer_to(message, kind, [given, server]);
-                due.borrow_mut().push((now().as_micros() / 1_000 + wait, answer));
-            });
-            for _ in 0..late_ms + 1_000 {
-                Timer::after(Duration::from_millis(1)).await;
-                let ms = now().as_micros() / 1_000;
-                answers.borrow_mut().retain(|(at, answer)| {
-                    let [from, to] = [(server, 67), (given, 68)]
-                        .map(|(address, port)| SocketAddrV4::new(address, port));
-                    if *at <= ms {
-                        world.wire.inject(network::datagram(9, from, to, answer));
-                    }
-                    *at > ms
-                });
-            }
-            assert!(is_there.get(), "no address of a server that offers after {late_ms} ms");
-        });
-    }
 }

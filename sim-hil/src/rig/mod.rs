@@ -3,6 +3,8 @@
 //! Nothing in the robot's software or in the operator's client knows that it is simulated. All chance comes from seeds.
 
 pub mod bench;
+#[cfg(not(target_family = "wasm"))]
+pub mod dhcp_server;
 pub mod hardware_fault;
 pub mod lossy_network;
 pub mod motion_capture;

@@ -97,10 +97,12 @@ impl Wire {
     }
 }
 
-/// The operator's side of the network.
+/// The network beside the robot's own task.
 pub struct Network {
     /// The stack of the operator's computer.
     pub stack: Stack<'static>,
+    /// The robot's stack, to read its addresses.
+    pub robot: Stack<'static>,
     /// What lies between the two.
     pub wire: Rc<Wire>,
     links: [StateRunner<'static>; 2],
@@ -164,6 +166,7 @@ pub fn play_with<Scenario: Future>(
     let wire = Rc::new(Wire::default());
     let scenario = scenario(Network {
         stack: operator,
+        robot,
         wire: wire.clone(),
         links: [robot_link, operator_link],
     });
@@ -289,32 +292,55 @@ pub fn arp(operation: Arp, card: u8, claimed: Ipv4Addr, asked: Ipv4Addr) -> Vec<
     [&robot[..], &sender, &head, &sender, &claimed.octets(), &robot, &asked.octets()].concat()
 }
 
+/// Protocols of IPv4.
+pub(crate) const PROTOCOL_ICMP: u8 = 1;
+pub(crate) const PROTOCOL_UDP: u8 = 17;
 /// Bytes of a frame before the payload of its datagram: Ethernet, IPv4 and UDP.
 pub(crate) const DATAGRAM_HEADER: usize = 14 + 20 + 8;
+
+/// Returns the frame of an IPv4 packet of this protocol from this card to the robot.
+#[must_use]
+pub fn packet(card: u8, protocol: u8, from: Ipv4Addr, to: Ipv4Addr, payload: &[u8]) -> Vec<u8> {
+    let total = ((20 + payload.len()) as u16).to_be_bytes();
+    let mut header = [0x45, 0, total[0], total[1], 0, 0, 0x40, 0, 64, protocol, 0, 0].to_vec();
+    header.extend(from.octets());
+    header.extend(to.octets());
+    let sum = check_sum(&header);
+    header[10..12].copy_from_slice(&sum);
+    [&hardware(1)[..], &hardware(card), &[0x08, 0], &header, payload].concat()
+}
+
+/// Returns the Internet check sum of these bytes (RFC 1071).
+fn check_sum(bytes: &[u8]) -> [u8; 2] {
+    let pair = |pair: &[u8]| u32::from_be_bytes([0, 0, pair[0], *pair.get(1).unwrap_or(&0)]);
+    let sum: u32 = bytes.chunks(2).map(pair).sum();
+    (!((sum & 0xffff) + (sum >> 16)) as u16).to_be_bytes()
+}
 
 /// Returns the frame of a datagram from this card to the robot.
 #[must_use]
 pub fn datagram(card: u8, from: SocketAddrV4, to: SocketAddrV4, payload: &[u8]) -> Vec<u8> {
     let port = |of: SocketAddrV4| of.port().to_be_bytes();
-    let length = |header: usize| ((header + payload.len()) as u16).to_be_bytes();
-    let total = length(28);
-    let mut header = [0x45, 0, total[0], total[1], 0, 0, 0x40, 0, 64, 17, 0, 0].to_vec();
-    header.extend(from.ip().octets());
-    header.extend(to.ip().octets());
-    let sum: u32 =
-        header.chunks(2).map(|pair| u32::from(u16::from_be_bytes([pair[0], pair[1]]))).sum();
-    let sum = !((sum & 0xffff) + (sum >> 16)) as u16;
-    header[10..12].copy_from_slice(&sum.to_be_bytes());
+    let length = ((8 + payload.len()) as u16).to_be_bytes();
     // A checksum of 0: none.
-    let udp = [port(from), port(to), length(8), [0, 0]].concat();
-    [&hardware(1)[..], &hardware(card), &[0x08, 0], &header, &udp, payload].concat()
+    let udp = [port(from), port(to), length, [0, 0]].concat();
+    packet(card, PROTOCOL_UDP, *from.ip(), *to.ip(), &[&udp, payload].concat())
+}
+
+/// Returns the frame of an echo request (ICMP) from this card to the robot.
+#[must_use]
+pub fn ping(card: u8, from: Ipv4Addr, to: Ipv4Addr, number: u16, payload: &[u8]) -> Vec<u8> {
+    let mut request = [&[8, 0, 0, 0, 0, 1][..], &number.to_be_bytes(), payload].concat();
+    let sum = check_sum(&request);
+    request[2..4].copy_from_slice(&sum);
+    packet(card, PROTOCOL_ICMP, from, to, &request)
 }
 
 /// Returns ports and payload of the datagram in a frame, if one is in it.
 #[must_use]
 pub fn ports_and_payload(frame: &[u8]) -> Option<(u16, u16, &[u8])> {
     let number = |at: usize| Some(u16::from_be_bytes([*frame.get(at)?, *frame.get(at + 1)?]));
-    let is_datagram = frame.get(12..15)? == [0x08, 0x00, 0x45] && *frame.get(23)? == 17;
+    let is_datagram = frame.get(12..15)? == [0x08, 0x00, 0x45] && *frame.get(23)? == PROTOCOL_UDP;
     let payload = frame.get(DATAGRAM_HEADER..34 + usize::from(number(38)?))?;
     is_datagram.then_some((number(34)?, number(36)?, payload))
 }
