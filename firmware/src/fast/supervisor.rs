@@ -11,7 +11,7 @@
 //! Faulted <------------------ any fault, from any state but Disarmed
 //! ```
 //!
-//! From Stopping a robot whose link was silent comes to rest in Armed, and runs on when orders come back before. A trial goes
+//! A robot that ramps down because of silence runs on if orders come back in time, and else ends in Armed. A trial goes
 //! from Disarmed to Aligning and back.
 //!
 //! # Orders and permits
@@ -19,6 +19,8 @@
 //! An order is a level: [`Asked::wanted`] in every tick, not an edge. The supervisor holds one [`Permit`] and counts it up at
 //! each [`Halt`]: whenever the rotors came to rest, or must not go on, without this operator's order. **What begins something
 //! needs the present permit; what calms needs none.**
+//!
+//! In the table p is the order's permit. *For good*: ends in Disarmed. *Back*: Running again, where the order is in time.
 //!
 //! | state | `Off` | `Arm(p)` | `Shake(p)` | `Try(p)` | `Clear(p)` |
 //! |---|---|---|---|---|---|
@@ -29,12 +31,13 @@
 //! | Armed | Stopping for good | rest | p present, in time: Running; else rest | Stopping for good | rest |
 //! | Running | Stopping for good | to rest, then Armed | p present: follow; else as `Arm` | Stopping for good | as `Arm` |
 //! | Stopping on silence, ramping | for good | back, to rest | p present: back, follow; else to rest | for good | back, to rest |
-//! | Stopping for good, or braking | waits | waits | waits | waits | waits |
-//! | Faulted | stays | stays | stays | stays | p present: forgets stop and faults |
+//! | Stopping for good | waits | waits | waits | waits | waits |
+//! | Stopping on silence, braking | for good | waits | waits | for good | waits |
+//! | Faulted | stays | stays | stays | stays | p present: forgets the stop, and after 0.5 s the faults whose cause is gone |
 //!
 //! Nothing is cleared, and no motor begins to be driven, by an order that is late or has expired; motors begin only while
-//! [`Asked::begins`] holds. A stop latches in every state
-//! ([`Asked::stops`]), and disarms as a session that begins or ends does ([`Asked::halts`]).
+//! [`Asked::begins`] holds. A stop ([`Asked::stops`]) latches in every state and disarms the robot; so does the begin or the end of a
+//! session ([`Asked::halts`]), which latches nothing.
 //!
 //! Settings are taken over where the rotors rest. Aligning, and so arming, begins once they are; where the rotors do not come
 //! to rest, it fails.
@@ -186,17 +189,19 @@ impl Supervisor {
         if faults.is_empty() {
             return;
         }
-        if self.first_fault.is_none() {
-            self.first_fault = faults.iter().next();
-        }
+        self.first_fault = self.first_fault.or_else(|| faults.iter().next());
         let all = self.faults.union(faults);
         if all != self.faults {
             self.faults = all;
             self.count(Halt::Fault);
         }
         if self.state != State::Faulted {
-            // A ramp down needs both rotors under control; alignment has none to ramp down.
-            self.ramp_down = self.state != State::Aligning && self.state != State::Disarmed;
+            // A ramp down needs both rotors under control: alignment has none to ramp down, and one that took too long brakes.
+            self.ramp_down = match self.state {
+                State::Armed | State::Running => true,
+                State::Stopping => self.ticks <= LONGEST_RAMP_TICKS,
+                State::Disarmed | State::Aligning | State::Faulted => false,
+            };
             self.enter(State::Faulted);
         }
     }
@@ -240,11 +245,8 @@ impl Supervisor {
     #[cold]
     fn halt(&mut self, asked: &Asked) {
         let is_stop = asked.stops != self.stops;
-        if is_stop {
-            if !self.stopped {
-                self.events.stopped = self.events.stopped.wrapping_add(1);
-            }
-            self.stopped = true;
+        if is_stop && !core::mem::replace(&mut self.stopped, true) {
+            self.events.stopped = self.events.stopped.wrapping_add(1);
         }
         if asked.halts != self.halts {
             self.count(if is_stop { Halt::StoppedFromOutside } else { Halt::Operator });

@@ -97,7 +97,7 @@ pub enum Halt {
     Rested,
     /// No order came for so long that the motors were disarmed.
     LinkLost,
-    /// Orders stayed away, or were too old, while the motors were aligned or tried: they coast.
+    /// Orders stayed away, or were too old, while the motors were aligned or tried: they brake.
     LetGo,
     /// A fault was latched.
     Fault,

@@ -569,6 +569,20 @@ fn a_ramp_down_at_whose_end_no_rest_is_seen_disarms_after_ramp_and_brake() {
 }
 
 #[test]
+fn motors_that_brake_are_driven_by_no_under_voltage() {
+    let mut desk = Desk::running();
+    desk.want(Wanted::Off);
+    for _ in 0..=LONGEST_RAMP_TICKS {
+        desk.tick();
+    }
+    assert_eq!(desk.tick(), Drive::Brake);
+    let mut desk = desk.faulted(Fault::UnderVoltage);
+    for _ in 1..BRAKE_TICKS {
+        assert_eq!((desk.tick(), desk.state()), (Drive::Brake, State::Faulted));
+    }
+}
+
+#[test]
 fn every_way_to_rest_takes_its_time() {
     let ramp = usize::from(LONGEST_RAMP_TICKS);
     let brake = usize::from(BRAKE_TICKS);
