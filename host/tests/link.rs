@@ -11,7 +11,8 @@ use flix_host::nav::Decision;
 use flix_host::pilot::{Ending, Helm, Pilot};
 use flix_host::pose::PoseSample;
 use flix_protocol::message::{
-    Command, Fault, Halt, Order, Outcome, ParameterCommand, Refusal, Setpoint, State, ToRobot,
+    Command, Fault, Halt, Order, Outcome, ParameterCommand, Pattern, Refusal, Setpoint, State,
+    ToRobot, Trial,
 };
 use flix_protocol::session::{ConnectError, StopSession};
 use flix_protocol::units::Instant;
@@ -610,6 +611,27 @@ fn a_person_who_wants_the_same_again_is_heard_at_once_and_a_program_that_holds_i
             assert_eq!(world.robot.setpoint, Setpoint::REST);
         }
     }
+}
+
+#[test]
+fn a_robot_that_halted_while_it_was_armed_walks_after_enter() {
+    let mut world = World::armed();
+    world.robot.halt();
+    world.run(Duration::from_millis(50));
+    world.press(Wish::Arm);
+    world.client.hold(world.now, setpoint(10.0, 0.0));
+    world.run(Duration::from_millis(50));
+    assert_eq!((world.robot.state, world.endings()), (State::Running, Vec::new()));
+}
+
+#[test]
+fn a_trial_of_an_armed_robot_that_is_given_up_is_not_done() {
+    let mut world = World::armed();
+    let pattern = Pattern::Halve(10);
+    let trial = Trial { motors: [true; 2], current_ma: 500, angle: 0, pattern, ticks: 100 };
+    world.press(Wish::Try(trial));
+    world.client.give_up(world.now);
+    assert_eq!(world.client.order(), Order::Off);
 }
 
 #[test]

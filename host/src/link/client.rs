@@ -236,8 +236,13 @@ impl Client {
     ) -> Result<(), NotShown> {
         let shown = self.telemetry.filter(|_| self.stop != StopState::Sending).ok_or(NotShown)?;
         match wish {
-            // An armed robot stays armed. A robot without stop and fault needs no clearing.
-            Wish::Arm if self.is_armed() && self.follows(shown.permit) => return Ok(()),
+            // A robot that follows a walk is armed. A robot without stop and fault needs no clearing.
+            Wish::Arm
+                if self.is_armed()
+                    && matches!(self.order, Order::Shake(permit, _) if permit == shown.permit) =>
+            {
+                return Ok(());
+            }
             Wish::Clear if !shown.stopped && shown.faults.is_empty() => return Ok(()),
             Wish::Clear => self.stop = StopState::None,
             Wish::Arm | Wish::Shake(_) | Wish::Try(_) => self.is_driving = true,
@@ -284,7 +289,8 @@ impl Client {
 
     /// Ends a wish to arm, to clear or for a trial that the robot has not fulfilled, also while it ramps down or aligns its motors.
     pub fn give_up(&mut self, now: Instant) {
-        if self.pressed.take().is_some() && !self.is_armed() {
+        let stays = self.is_armed() && matches!(self.order, Order::Arm(_));
+        if self.pressed.take().is_some() && !stays {
             self.disarm(now);
         }
     }
@@ -316,11 +322,6 @@ impl Client {
     #[must_use]
     pub fn is_heard(&self, telemetry: &Telemetry) -> bool {
         self.order_since.is_some_and(|since| telemetry.heard >= since)
-    }
-
-    /// Returns whether the order keeps a robot armed that states this permit.
-    fn follows(&self, shown: Permit) -> bool {
-        matches!(self.order, Order::Arm(_)) || self.order.permit() == Some(shown)
     }
 
     fn is_armed(&self) -> bool {
@@ -528,11 +529,12 @@ impl Client {
             }
             _ => {
                 let has_failed = telemetry.faults.iter().any(|it| !known.contains(it));
-                let why = match telemetry {
-                    Telemetry { faults, .. } if has_failed => Refusal::Faulted(*faults),
-                    Telemetry { stopped: true, .. } => Refusal::Stopped,
-                    Telemetry { faults: Faults::NONE, .. } => Refusal::Rested,
-                    Telemetry { faults, .. } => Refusal::Faulted(*faults),
+                let why = if telemetry.stopped && !has_failed {
+                    Refusal::Stopped
+                } else if telemetry.faults.is_empty() {
+                    Refusal::Rested
+                } else {
+                    Refusal::Faulted(telemetry.faults)
                 };
                 self.end(now, Some(why));
             }
@@ -703,7 +705,9 @@ impl Client {
         self.pending.remove(place);
         if self.checking.take_if(|it| *it == request).is_some() {
             match outcome {
-                Outcome::Refused(refusal) if matches!(self.order, Order::Arm(_)) => {
+                Outcome::Refused(refusal)
+                    if matches!(self.order, Order::Arm(_) | Order::Try(..)) =>
+                {
                     self.end(now, Some(refusal));
                 }
                 _ => {}

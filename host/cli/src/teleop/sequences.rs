@@ -169,9 +169,8 @@ fn with_modifiers(sequence: &[u8]) -> Cow<'_, [u8]> {
 /// letter of another script: `base` is the letter of the same place on a Latin keyboard.
 fn by_place(sequence: &[u8]) -> Option<Vec<u8>> {
     let inner = sequence.strip_prefix(b"\x1b[")?.strip_suffix(b"u")?;
-    let (keys, rest) = match std::str::from_utf8(inner).ok()? {
-        inner => inner.split_once(';').unwrap_or((inner, "1")),
-    };
+    let inner = std::str::from_utf8(inner).ok()?;
+    let (keys, rest) = inner.split_once(';').unwrap_or((inner, "1"));
     let mut keys = keys.split(':');
     let key = char::from_u32(keys.next()?.parse().ok()?)?;
     let base = keys.nth(1)?;
