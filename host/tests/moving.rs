@@ -85,12 +85,14 @@ fn walk() -> (ServedRobot, Connection) {
 
 /// Waits until the session is open again, and looks that nothing else is reported as the end of it.
 fn is_back(connection: &mut Connection) -> bool {
-    let back = connection.wait_for(BACK, |_, update| match update {
-        Update::Connected => Some(true),
-        Update::Failed(_) => Some(false),
-        _ => None,
+    let deadline = connection.now() + BACK;
+    let back = connection.look_until(deadline, |_, now, update| match update {
+        Some(Update::Connected) => Some(true),
+        Some(Update::Failed(_)) => Some(false),
+        Some(_) => None,
+        None => (now >= deadline).then_some(false),
     });
-    back.unwrap() == Some(true)
+    back.unwrap()
 }
 
 #[test]

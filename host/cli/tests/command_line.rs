@@ -872,8 +872,13 @@ impl Desk {
 
     /// Arms, and lets the robot walk.
     fn walk(&self, served: &ServedRobot) {
-        self.arm(served);
-        self.press_until("w", || served.robot().state == State::Running);
+        wait_until(|| {
+            // Where the computer is busy, the robot may disarm for want of orders.
+            let is_disarmed = served.robot().state == State::Disarmed;
+            self.send(if is_disarmed { "\r" } else { "w" });
+            std::thread::sleep(PRESSED_AGAIN);
+            served.robot().state == State::Running
+        });
     }
 
     fn arm(&self, served: &ServedRobot) {

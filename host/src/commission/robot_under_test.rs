@@ -452,8 +452,10 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         for count in 0..ramps {
             self.begin_capture(&channels, Trigger::Now, 0)?;
             self.robot.pause(BEFORE_RAMP)?;
-            self.hold(if count % 2 == 0 { fast } else { slow });
+            let frequency = if count % 2 == 0 { fast } else { slow };
+            self.hold(frequency);
             let columns = self.capture(Step::Ramps, u16::MAX)?;
+            self.check_held(Step::Ramps, frequency)?;
             if measures_bus || count % 2 == 0 {
                 add(STEADY_ROWS, &columns);
             }
@@ -476,7 +478,9 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         self.hold(frequency);
         self.robot.pause(SETTLING)?;
         self.begin_capture(channels, Trigger::Now, 0)?;
-        self.capture(Step::Ramps, u16::MAX)
+        let columns = self.capture(Step::Ramps, u16::MAX)?;
+        self.check_held(Step::Ramps, frequency)?;
+        Ok(columns)
     }
 }
 

@@ -14,8 +14,8 @@ use flix_protocol::message::{
     Refusal, Reply, Request, Setpoint, State, Telemetry, ToOperator, ToRobot, Trial, Withheld,
 };
 use flix_protocol::session::{
-    ConnectError, HOLDER_SILENCE, Key, LinkHealth, OperatorReceived, OperatorSession, SendError,
-    Status, StopSession, StopStatus,
+    ConnectError, Key, LinkHealth, OperatorReceived, OperatorSession, SendError, Status,
+    StopSession, StopStatus,
 };
 use flix_protocol::units::{Hertz, Instant};
 
@@ -27,10 +27,6 @@ use super::{
 
 /// How often a program repeats a wish that ended because orders stayed away while the motors were aligned or tried.
 const MOST_LAPSES: u32 = 3;
-
-/// Time after the end of a session in which the robot may still hold it for this client: until it takes the silence for the end,
-/// and a handshake.
-const OWN_SESSION_PATIENCE: Duration = HOLDER_SILENCE.saturating_mul(3);
 
 /// An order that begins movement or clears the robot, before it gets the permit that was shown.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -155,8 +151,6 @@ pub struct Client {
     heard: Instant,
     /// When the last session ended.
     ended: Instant,
-    /// The name by which the robot knows this operator.
-    name: Option<OperatorName>,
     telemetry: Option<Telemetry>,
     /// When the robot first stated the present permit, or acknowledged the last stop.
     permitted_at: Instant,
@@ -187,7 +181,6 @@ impl Client {
             send_at: now,
             heard: now,
             ended: now,
-            name: None,
             telemetry: None,
             permitted_at: now,
             is_driving: false,
@@ -355,6 +348,12 @@ impl Client {
         self.send_at = now;
     }
 
+    /// Takes that datagrams leave from another address now: a stop without a session begins anew, as the robot's answers hold for the
+    /// former one.
+    pub fn move_address(&mut self) {
+        self.beside = None;
+    }
+
     /// Returns the permit that the robot states, a number for each halt of it; `None` before the first telemetry of the session.
     #[must_use]
     pub fn permit(&self) -> Option<Permit> {
@@ -471,7 +470,6 @@ impl Client {
             self.permitted_at = now;
         }
         self.telemetry = Some(telemetry);
-        self.name = Some(telemetry.operator);
         if telemetry.held_us != u16::MAX {
             let held = Duration::from_micros(telemetry.held_us.into());
             self.statistics.heard(telemetry.heard, now, held);
@@ -740,12 +738,6 @@ impl Client {
         if let Status::Failed(error) = self.session.status(now)
             && !self.has_failed
         {
-            let is_own = matches!(error, ConnectError::Busy(holder) if self.name == Some(holder));
-            if is_own && now.since(self.ended) < OWN_SESSION_PATIENCE {
-                // The last session of this client, whose computer has another address now.
-                self.session.connect(now);
-                return;
-            }
             self.has_failed = true;
             if matches!(error, ConnectError::Busy(_)) {
                 // Another operator has taken it: it was disarmed before.

@@ -86,7 +86,9 @@ impl Connection {
         // First what came while this program did something else: what is sealed now states the newest
         // of it.
         self.receive_arrived()?;
-        self.path.follow()?;
+        if self.path.follow()? {
+            self.client.move_address();
+        }
         self.send_due()?;
         let now = self.now();
         let wait = self.client.transmit_at().map_or(longest, |at| at.since(now).min(longest));

@@ -15,7 +15,7 @@ pub fn action(key: KeyEvent) -> Option<Action> {
     }
     // The space bar stops, whatever else is pressed.
     if let KeyCode::Char(character) = key.code
-        && (is_blank(character) || is_plain(key) && is_accent(character))
+        && (is_blank(character) || is_plain(key) && is_accent(half_width(character)))
     {
         return Some(Action::Stop);
     }
@@ -68,7 +68,7 @@ fn is_blank(character: char) -> bool {
     let is_without_width = matches!(
         character,
         '\u{ad}' | '\u{34f}' | '\u{61c}' | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}'
-            | '\u{2060}'..='\u{206f}' | '\u{3164}' | '\u{feff}'
+            | '\u{2060}'..='\u{206f}' | '\u{2800}' | '\u{3164}' | '\u{feff}' | '\u{f0b}' | '\u{1361}'
     );
     is_space || is_without_width
 }
@@ -79,7 +79,7 @@ const fn is_accent(character: char) -> bool {
     matches!(
         character,
         '^' | '`' | '~' | '\'' | '"' | '\u{a8}' | '\u{af}' | '\u{b0}' | '\u{b4}' | '\u{b8}' | '\u{2c6}' | '\u{2c7}'
-            | '\u{2d8}'..='\u{2dd}' | '\u{300}'..='\u{36f}' | '\u{384}' | '\u{385}' | '\u{309b}' | '\u{309c}'
+            | '\u{2d8}'..='\u{2dd}' | '\u{37a}' | '\u{ffe3}' | '\u{300}'..='\u{36f}' | '\u{384}' | '\u{385}' | '\u{309b}' | '\u{309c}'
     )
 }
 
@@ -245,7 +245,11 @@ impl Typing {
                     });
                 let is_answer = self.answers(at, key);
                 let is_old = at < self.old_until && action != Some(Action::Quit);
-                if (is_answer || is_old) && !action.as_ref().is_some_and(is_calming) {
+                // An accent may be the end of a sequence, as a tilde is of many.
+                let is_blank = matches!(key.code, KeyCode::Char(character) if is_blank(character));
+                let is_end = is_answer && action == Some(Action::Stop) && !is_blank;
+                let is_calm = action.as_ref().is_some_and(is_calming) && !is_end;
+                if (is_answer || is_old) && !is_calm {
                     self.ready.dropped += 1;
                     return;
                 }
@@ -332,7 +336,10 @@ impl Typing {
         let keys = std::mem::take(&mut self.together);
         let is_text = std::mem::take(&mut self.is_text);
         let is_touched = std::mem::take(&mut self.is_touched);
-        let is_unknown = std::mem::take(&mut self.is_unknown);
+        if std::mem::take(&mut self.is_unknown) && !is_text {
+            // Whoever misses a key of a robot that walks may have meant any other.
+            self.ready.doubt = Some("a key was pressed that does nothing");
+        }
         if is_text || keys.len() > TOGETHER {
             self.ready.dropped += keys.len();
             return;
@@ -341,10 +348,6 @@ impl Typing {
             return;
         }
         self.ready.is_touched |= is_touched;
-        if is_unknown {
-            // Whoever misses a key of a robot that walks may have meant any other.
-            self.ready.doubt = Some("a key was pressed that does nothing");
-        }
         let begins =
             |action: &Action| matches!(action, Action::Walk(_) | Action::Arm | Action::Clear);
         let is_alone = keys.len() == 1;
@@ -414,7 +417,9 @@ mod tests {
         assert_eq!(typed.actions, [walk(PaperMode::Forward), walk(PaperMode::StrafeLeft)]);
         assert!(typed.is_touched && typed.dropped == 0);
         let text = type_text(&mut Typing::default(), "flix-walker", ms(0));
-        assert_eq!(text, Typed { dropped: 11, ..Typed::default() });
+        let doubt = text.doubt;
+        assert_eq!(text, Typed { dropped: 11, doubt, ..Typed::default() });
+        assert!(doubt.is_some());
         // A slow network hands over some keys together: they may change a walk, and begin none.
         let begins = type_text(&mut Typing::default(), "wq", ms(0));
         assert_eq!(begins, Typed { dropped: 2, is_touched: true, ..Typed::default() });

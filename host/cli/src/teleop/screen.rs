@@ -10,6 +10,7 @@ use crate::by_hand::drive::{Drive, DriveError, Ending};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::teleop::action::Action;
 use flix_host::teleop::cockpit::Weight;
+use flix_protocol::units::Instant as Moment;
 
 /// Longest wait for a datagram between two checks of the keys.
 const KEY_LATENCY: Duration = Duration::from_millis(10);
@@ -58,8 +59,8 @@ pub fn run(
     let mut gamepads = Gamepads::open();
     let (cockpit, _, now) = drive.operate();
     cockpit.be_attended(patience, now);
-    // Time of the picture on the screen.
-    let mut seen = now;
+    // Time of the picture on the screen: none yet.
+    let mut seen = Moment::START;
     loop {
         drive.step(KEY_LATENCY)?;
         if interrupt.is_raised() || is_closed() {

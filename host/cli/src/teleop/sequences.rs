@@ -176,7 +176,9 @@ fn by_place(sequence: &[u8]) -> Option<Vec<u8>> {
     let base = keys.nth(1)?;
     let is_latin =
         matches!(key, '\0'..='\u{24f}' | '\u{1e00}'..='\u{1eff}' | '\u{ff01}'..='\u{ff5e}');
-    (key.is_alphanumeric() && !is_latin).then(|| format!("\x1b[{base};{rest}u").into_bytes())
+    // The space bar is that on every keyboard.
+    (base == "32" || key.is_alphanumeric() && !is_latin)
+        .then(|| format!("\x1b[{base};{rest}u").into_bytes())
 }
 
 /// Returns what a whole sequence reports: a key, a lost focus, or text that nobody typed. The mouse, where the cursor is, and
@@ -242,6 +244,7 @@ mod tests {
             ("\u{1b}[P", plain(KeyCode::Delete)),
             // An ideographic space; the key of w where a keyboard has Cyrillic letters, and A with an accent, which is Latin.
             ("\u{1b}[12288u", Some(held(KeyCode::Char('\u{3000}'), KeyModifiers::NONE))),
+            ("\u{1b}[3851::32;1u", Some(held(KeyCode::Char(' '), KeyModifiers::NONE))),
             ("\u{1b}[1094::119;1u", Some(held(KeyCode::Char('w'), KeyModifiers::NONE))),
             ("\u{1b}[228::39;1u", Some(held(KeyCode::Char('\u{e4}'), KeyModifiers::NONE))),
             ("\u{3}", Some(key(KeyCode::Char('c'), KeyModifiers::CONTROL))),
