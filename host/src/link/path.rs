@@ -4,7 +4,7 @@ use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
-use super::udp::transient;
+use crate::system::PASSING_SOCKET_ERRORS;
 
 /// Silence after which the system is asked by which address it would send now, and the time between two such questions: a
 /// computer that has changed its network is back within a second.
@@ -89,4 +89,59 @@ pub(super) fn connect(address: SocketAddr) -> io::Result<UdpSocket> {
     let socket = UdpSocket::bind(any)?;
     socket.connect(address)?;
     Ok(socket)
+}
+
+/// Returns the result of a socket; `None` when the error passes: nothing came in time, nobody listens there yet, or a
+/// network is away for a while.
+///
+/// # Errors
+/// When it does not pass.
+pub fn transient<T>(result: io::Result<T>) -> io::Result<Option<T>> {
+    match result {
+        Ok(value) => Ok(Some(value)),
+        Err(error) if is_transient(&error) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// Returns whether the error passes: nothing arrived in time, no program listens there yet, or the network is away.
+fn is_transient(error: &io::Error) -> bool {
+    use io::ErrorKind as Kind;
+    matches!(
+        error.kind(),
+        Kind::WouldBlock
+            | Kind::TimedOut
+            | Kind::Interrupted
+            | Kind::ConnectionRefused
+            | Kind::ConnectionReset
+            | Kind::HostUnreachable
+            | Kind::NetworkUnreachable
+            | Kind::NetworkDown
+            | Kind::AddrNotAvailable
+    ) || error.raw_os_error().is_some_and(|code| PASSING_SOCKET_ERRORS.contains(&code))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As the systems number them: `EPERM`, `ENOMEM`, `EACCES`, `ENODEV`, `EINVAL`, `ENETDOWN`, `ENETUNREACH`, `ECONNRESET`, `ENOBUFS`,
+    /// `ECONNREFUSED`, `EHOSTDOWN`, `EHOSTUNREACH` of Linux; the same of Windows.
+    #[cfg(target_os = "linux")]
+    const PASSING: &[i32] = &[1, 12, 13, 19, 22, 100, 101, 104, 105, 111, 112, 113];
+    #[cfg(windows)]
+    const PASSING: &[i32] =
+        &[10_013, 10_022, 10_040, 10_050, 10_051, 10_052, 10_054, 10_055, 10_064, 10_065];
+    #[cfg(not(any(target_os = "linux", windows)))]
+    const PASSING: &[i32] = &[];
+
+    #[test]
+    fn a_network_that_is_away_or_busy_passes_and_a_broken_socket_does_not() {
+        for code in PASSING {
+            let away = transient(Err::<(), _>(io::Error::from_raw_os_error(*code)));
+            assert!(matches!(away, Ok(None)), "{code}: {away:?}");
+        }
+        // EBADF everywhere that is not Windows; there, no error of a socket.
+        assert!(transient(Err::<(), _>(io::Error::from_raw_os_error(9))).is_err());
+    }
 }

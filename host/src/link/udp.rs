@@ -10,10 +10,11 @@ use flix_protocol::session::{ConnectError, Key, StopSession, StopStatus};
 use flix_protocol::units::Instant;
 
 use super::path::Path;
+pub use super::path::transient;
 use super::robot_link::{DISARM_PATIENCE, LONGEST_WAIT};
 use super::{Client, LinkError, RobotLink, StopState, TELEMETRY_LAG, Update, Wish};
+use crate::system::Clock;
 use crate::system::interrupt::Interrupt;
-use crate::system::{Clock, PASSING_SOCKET_ERRORS};
 
 /// Time for which a program that ends by accident repeats stop without an acknowledgement. The
 /// robot's own deadline is [`flix_protocol::failsafe::COMMAND_DEADLINE`].
@@ -328,59 +329,4 @@ fn entropy() -> Result<[u8; 32], getrandom::Error> {
     let mut entropy = [0; 32];
     getrandom::fill(&mut entropy)?;
     Ok(entropy)
-}
-
-/// Returns the result of a socket; `None` when the error passes: nothing came in time, nobody listens there yet, or a
-/// network is away for a while.
-///
-/// # Errors
-/// When it does not pass.
-pub fn transient<T>(result: io::Result<T>) -> io::Result<Option<T>> {
-    match result {
-        Ok(value) => Ok(Some(value)),
-        Err(error) if is_transient(&error) => Ok(None),
-        Err(error) => Err(error),
-    }
-}
-
-/// Returns whether the error passes: nothing arrived in time, no program listens there yet, or the network is away.
-fn is_transient(error: &io::Error) -> bool {
-    use io::ErrorKind as Kind;
-    matches!(
-        error.kind(),
-        Kind::WouldBlock
-            | Kind::TimedOut
-            | Kind::Interrupted
-            | Kind::ConnectionRefused
-            | Kind::ConnectionReset
-            | Kind::HostUnreachable
-            | Kind::NetworkUnreachable
-            | Kind::NetworkDown
-            | Kind::AddrNotAvailable
-    ) || error.raw_os_error().is_some_and(|code| PASSING_SOCKET_ERRORS.contains(&code))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// As the systems number them: `EPERM`, `ENOMEM`, `EACCES`, `ENODEV`, `EINVAL`, `ENETDOWN`, `ENETUNREACH`, `ECONNRESET`, `ENOBUFS`,
-    /// `ECONNREFUSED`, `EHOSTDOWN`, `EHOSTUNREACH` of Linux; the same of Windows.
-    #[cfg(target_os = "linux")]
-    const PASSING: &[i32] = &[1, 12, 13, 19, 22, 100, 101, 104, 105, 111, 112, 113];
-    #[cfg(windows)]
-    const PASSING: &[i32] =
-        &[10_013, 10_022, 10_040, 10_050, 10_051, 10_052, 10_054, 10_055, 10_064, 10_065];
-    #[cfg(not(any(target_os = "linux", windows)))]
-    const PASSING: &[i32] = &[];
-
-    #[test]
-    fn a_network_that_is_away_or_busy_passes_and_a_broken_socket_does_not() {
-        for code in PASSING {
-            let away = transient(Err::<(), _>(io::Error::from_raw_os_error(*code)));
-            assert!(matches!(away, Ok(None)), "{code}: {away:?}");
-        }
-        // EBADF everywhere that is not Windows; there, no error of a socket.
-        assert!(transient(Err::<(), _>(io::Error::from_raw_os_error(9))).is_err());
-    }
 }
