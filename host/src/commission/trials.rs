@@ -42,7 +42,7 @@ const TURNING_TICKS: u16 = 3_300;
 const SWING_TICKS: u16 = 600;
 const SWING_ROWS: u16 = 2_700;
 /// How often a trial is begun whose commands stay away.
-const MOST_TRIALS: u32 = 3;
+const MOST_TRIALS: u32 = 10;
 /// Most that a rotor which follows its field is off, root mean square, electrical degrees.
 const LARGEST_SLIP_DEG: f64 = 60.0;
 /// The other motor's encoder sees a rotor turn when it turns farther, degrees.
