@@ -10,7 +10,7 @@ use flix_host::commission::voltage_mode::find_latency;
 use flix_host::commission::{CommissionError, Finding, Known, Step, commission};
 use flix_host::link::{Client, LinkError, RobotLink, Wish};
 use flix_protocol::message::{
-    Command, Fault, Mark, Outcome, ParameterCommand, Setpoint, State, Telemetry,
+    Command, Fault, Halt, Mark, Outcome, ParameterCommand, Setpoint, State, Telemetry,
 };
 use flix_protocol::units::Instant;
 use flix_sim::model::Electrical;
@@ -259,9 +259,19 @@ struct Leaving<'a> {
     left: u32,
     /// Whether the next trial is one of these.
     is_lost: &'a mut dyn FnMut() -> bool,
+    /// Walks in which he still falls silent.
+    broken_walks: u32,
 }
 
-impl Leaving<'_> {
+impl<'a> Leaving<'a> {
+    fn of(
+        robot: &'a mut Watched,
+        leaves: &'a Cell<bool>,
+        is_lost: &'a mut dyn FnMut() -> bool,
+    ) -> Self {
+        Self { robot, leaves, left: 1, is_lost, broken_walks: 0 }
+    }
+
     fn goes_on(&mut self) -> Result<(), OperationError> {
         if self.leaves.get() {
             self.left = self.left.saturating_sub(1);
@@ -270,6 +280,13 @@ impl Leaving<'_> {
             0 => Err(LinkError::OtherAnswer.into()),
             _ => Ok(()),
         }
+    }
+
+    fn fall_silent(&mut self, time: Duration) -> Result<(), OperationError> {
+        self.robot.operation.operators[0].is_gone = true;
+        self.robot.pause(time)?;
+        self.robot.operation.operators[0].is_gone = false;
+        Ok(())
     }
 }
 
@@ -295,16 +312,20 @@ impl RobotLink for Leaving<'_> {
         if matches!(wish, Wish::Try(_)) && (self.is_lost)() {
             let begins = |telemetry: &Telemetry| telemetry.state == State::Aligning;
             self.robot.wait_for_telemetry(Duration::from_secs(3), begins)?;
-            self.robot.operation.operators[0].is_gone = true;
-            self.robot.pause(Duration::from_millis(300))?;
-            self.robot.operation.operators[0].is_gone = false;
+            self.fall_silent(Duration::from_millis(300))?;
         }
         Ok(())
     }
 
     fn pause(&mut self, duration: Duration) -> Result<(), OperationError> {
         self.goes_on()?;
-        self.robot.pause(duration)
+        self.robot.pause(duration)?;
+        let walks = self.robot.telemetry().is_some_and(|it| it.state == State::Running);
+        if walks && self.broken_walks > 0 {
+            self.broken_walks -= 1;
+            self.fall_silent(Duration::from_millis(800))?;
+        }
+        Ok(())
     }
 
     fn arm(&mut self) -> Result<(), OperationError> {
@@ -327,8 +348,8 @@ fn an_operator_who_falls_silent_at_any_step_leaves_rotors_at_rest() {
     for last in Step::ALL {
         let mut robot = Watched::power_up(unknown_motors(3), 3).unwrap();
         let leaves = Cell::new(false);
-        let mut leaving =
-            Leaving { robot: &mut robot, leaves: &leaves, left: 20, is_lost: &mut || false };
+        let mut hears_all = || false;
+        let mut leaving = Leaving { left: 20, ..Leaving::of(&mut robot, &leaves, &mut hears_all) };
         let found = commission(&mut leaving, &Known::default(), |step| {
             leaves.set(leaves.get() || step == last);
         });
@@ -343,11 +364,11 @@ fn an_operator_who_falls_silent_at_any_step_leaves_rotors_at_rest() {
 }
 
 #[test]
-fn a_trial_that_broke_off_in_silence_is_done_again_and_never_taken_for_a_motor() {
-    let lossy = |is_lost: &mut dyn FnMut() -> bool| {
+fn what_broke_off_in_silence_is_done_again_and_never_taken_for_a_motor() {
+    let lossy = |is_lost: &mut dyn FnMut() -> bool, broken_walks| {
         let mut robot = Watched::power_up(unknown_motors(3), 3).unwrap();
         let leaves = Cell::new(false);
-        let mut lossy = Leaving { robot: &mut robot, leaves: &leaves, left: 1, is_lost };
+        let mut lossy = Leaving { broken_walks, ..Leaving::of(&mut robot, &leaves, is_lost) };
         commission(&mut lossy, &Known::default(), |_| {})
     };
     let mut trials = 0;
@@ -355,10 +376,15 @@ fn a_trial_that_broke_off_in_silence_is_done_again_and_never_taken_for_a_motor()
         trials += 1;
         trials % 3 == 1
     };
-    lossy(&mut every_third).unwrap();
+    lossy(&mut every_third, 2).unwrap();
     assert!(trials > 9);
-    let silent = lossy(&mut || true);
-    assert!(matches!(silent, Err(CommissionError::Lapsed(Step::Wiring))), "{silent:?}");
+    for (in_trials, broken_walks, step, halt) in
+        [(true, 0, Step::Wiring, Halt::LetGo), (false, 99, Step::Slow, Halt::Rested)]
+    {
+        let ended = lossy(&mut || in_trials, broken_walks).unwrap_err();
+        let CommissionError::Lapsed { step: of, halt: why } = ended else { panic!("{ended:?}") };
+        assert_eq!((of, why), (step, halt));
+    }
 }
 
 #[test]

@@ -121,7 +121,7 @@ fn sentence(error: CommissionError<LinkError>) -> Error {
             ),
         ),
         CommissionError::Robot(error) => error.into(),
-        lapsed @ CommissionError::Lapsed(_) => Error::new(Exit::NoAnswer, lapsed),
+        lapsed @ CommissionError::Lapsed { .. } => Error::new(Exit::NoAnswer, lapsed),
         limited @ CommissionError::Limited { .. } => Error::new(Exit::NotNow, limited),
         other => Error::new(Exit::RobotFault, other),
     }

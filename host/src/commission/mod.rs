@@ -33,7 +33,7 @@ use flix_protocol::message::{Fault, Faults, Setpoint};
 
 use self::circuit::{Circuit, Phases, is_winding};
 pub use self::finding::{Finding, Phase, motor_name};
-use self::robot_under_test::RobotUnderTest;
+use self::robot_under_test::{RobotUnderTest, slopes};
 use self::running::BackEmf;
 use self::step::CURRENT_LIMIT;
 pub use self::step::{CommissionError, Step};
@@ -126,6 +126,8 @@ const ALIGNMENT_CURRENTS: (f64, f64) = (0.3, 1.2);
 const SWING_CURRENT: f64 = 0.9;
 /// Current that rotors which are still turning may drive through shorted windings, A.
 const BRAKING_CURRENT: f64 = 1.0;
+/// How often motors are made to run while orders stay away in the middle of it.
+const MOST_RUNS: u32 = 3;
 /// Gentlest and steepest ramps, Hz/s.
 const RAMP_SLOPES: (f64, f64) = (10.0, 300.0);
 
@@ -281,7 +283,7 @@ fn measure<S: RobotLink>(
 }
 
 /// Runs with the position loop, of this bandwidth in Hz, that suits motors of this resistive voltage on this bus, V; where the phase
-/// lock is lost or the rotors swing, again with the other one.
+/// lock is lost or the rotors swing, again with the other one. A run that broke off is done again.
 fn with_either_loop<S: RobotLink, T>(
     under_test: &mut RobotUnderTest<'_, S>,
     resistive: f64,
@@ -290,6 +292,9 @@ fn with_either_loop<S: RobotLink, T>(
 ) -> Result<T, CommissionError<S::Error>> {
     let is_free = resistive < (PHASE_SHARE - EMF_SHARE) * bus;
     let [first, second] = if is_free { [CAREFUL[1], CALM] } else { [CALM, CAREFUL[1]] };
+    let mut run = |under_test: &mut RobotUnderTest<'_, S>, bandwidth: f64| {
+        under_test.until_held(MOST_RUNS, |it| run(it, bandwidth))
+    };
     match run(under_test, first) {
         // Which loop keeps the lock, friction and cogging decide, too.
         Err(CommissionError::Faulted { step, faults })
@@ -377,9 +382,11 @@ impl Runs {
         step(Step::Ramps);
         let ends = RAMP_SHARES.map(|share| share * fastest);
         let per_hertz = TAU * self.inertia / (1.5 * pairs * flux[0].max(flux[1]));
-        let slopes = under_test.ramps(ends, ramp, per_hertz, self.measures_bus)?;
+        let changes = under_test.ramps(ends, ramp, per_hertz, self.measures_bus)?;
         let last = under_test.steady(Step::Ramps, fastest, ramp)?;
         under_test.disarm(Step::Ramps, braked_from(&resistances, &flux, pairs).min(fastest))?;
+        // Orders stay away while this computes: a second on a slow or busy computer.
+        let slopes = slopes(&changes, ramp).map_err(CommissionError::Found)?;
         for (motor, steady) in last.iter().enumerate() {
             // The latency is right by now.
             let BackEmf { ahead, .. } = BackEmf::of(steady, &circuits[motor], pairs);

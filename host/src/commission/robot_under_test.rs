@@ -236,8 +236,29 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         if self.robot.operate().0.held() == Some(along(frequency)) {
             Ok(())
         } else {
-            Err(CommissionError::Lapsed(step))
+            Err(self.lapsed(step))
         }
+    }
+
+    /// Returns the error of a robot that stopped by itself.
+    pub(super) fn lapsed(&mut self, step: Step) -> CommissionError<S::Error> {
+        let halt = self.robot.telemetry().map_or(Halt::Operator, |it| it.halt);
+        CommissionError::Lapsed { step, halt }
+    }
+
+    /// Does this at most so many times: again while the robot stopped by itself in the middle of it.
+    pub(super) fn until_held<T>(
+        &mut self,
+        most: u32,
+        mut attempt: impl FnMut(&mut Self) -> Done<T, S>,
+    ) -> Done<T, S> {
+        for _ in 1..most {
+            match attempt(self) {
+                Err(CommissionError::Lapsed { .. }) => self.robot.disarm()?,
+                done => return done,
+            }
+        }
+        attempt(self)
     }
 
     pub(super) fn arm(&mut self, step: Step) -> Done<(), S> {
@@ -283,7 +304,7 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         self.capture_since(step, rows, permit)
     }
 
-    /// The same, of a robot that stated this permit when the step began: a halt ends it.
+    /// The same, of a robot that stated this permit when the step began: a halt ends it. Without a permit none does.
     pub(super) fn capture_since(
         &mut self,
         step: Step,
@@ -295,9 +316,7 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
                 return Ok(columns);
             }
             self.check(step)?;
-            if self.has_lapsed(permit) {
-                return Err(CommissionError::Lapsed(step));
-            }
+            self.check_unbroken(step, permit)?;
             self.robot.pause(LOOK)?;
         }
         Err(CommissionError::Endless(step))
@@ -308,14 +327,17 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         self.robot.telemetry().map(|it| it.permit)
     }
 
-    /// Returns whether the robot has halted since it stated this permit, but for the end of the trial or of the alignment.
-    pub(super) fn has_lapsed(&mut self, permit: Option<Permit>) -> bool {
-        let telemetry = self.robot.telemetry();
-        let is_end = telemetry.is_some_and(|it| {
-            permit.map(Permit::next) == Some(it.permit)
-                && matches!(it.halt, Halt::Aligned | Halt::Tried)
-        });
-        telemetry.map(|it| it.permit) != permit && !is_end
+    /// Checks that the robot has not halted since it stated this permit, but for the end of a trial or of the alignment. Without a
+    /// permit any halt is right.
+    pub(super) fn check_unbroken(&mut self, step: Step, permit: Option<Permit>) -> Done<(), S> {
+        let shown = self.robot.telemetry().map(|it| (it.permit, it.halt));
+        let is_end = permit.map(Permit::next) == shown.map(|it| it.0)
+            && matches!(shown, Some((_, Halt::Aligned | Halt::Tried)));
+        if permit.is_none() || permit == shown.map(|it| it.0) || is_end {
+            Ok(())
+        } else {
+            Err(self.lapsed(step))
+        }
     }
 
     /// Fetches the capture if it is complete.
@@ -417,8 +439,8 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         }))
     }
 
-    /// Returns the current that each motor takes for an acceleration, A s^2/rad, from ramps between two frequencies (Hz) at so
-    /// many Hz/s. Where the bus is not measured only those up count: on the way down d currents burn what the rotors lose. A motor
+    /// Returns what both motors showed in ramps between two frequencies, Hz, at so many Hz/s, and while nothing changed before and
+    /// after them. Where the bus is not measured only ramps up count: on the way down d currents burn what the rotors lose. A motor
     /// takes `per_hertz`, A s, for each hertz, or more.
     pub(super) fn ramps(
         &mut self,
@@ -426,7 +448,7 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         ramp: f64,
         per_hertz: f64,
         measures_bus: bool,
-    ) -> Done<[f64; 2], S> {
+    ) -> Done<[Vec<Change>; 2], S> {
         let channels = [
             Channel::TopCurrentQ,
             Channel::TopSpeed,
@@ -463,14 +485,7 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         for frequency in [fast, slow] {
             add(ALL_STEADY, &self.turns(&channels, frequency)?);
         }
-        let mut slopes = [0.0; 2];
-        for (motor, changes) in changes.iter().enumerate() {
-            slopes[motor] = running::current_per_acceleration(changes).unwrap_or(0.0);
-            if let Some(change) = change_meanwhile(changes, slopes[motor] * TAU * ramp) {
-                return Err(CommissionError::Found(Finding::Uneven { motor, change }));
-            }
-        }
-        Ok(slopes)
+        Ok(changes)
     }
 
     /// Returns what these channels show while f, Hz, is held.
@@ -487,6 +502,18 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
 /// Returns the setpoint of f, Hz, along the body.
 const fn along(frequency: f64) -> Setpoint {
     Setpoint::saturating(frequency as f32, 0.0)
+}
+
+/// Returns the current that each motor takes for an acceleration, A s^2/rad, from its changes of speed at so many Hz/s.
+pub(super) fn slopes(changes: &[Vec<Change>; 2], ramp: f64) -> Result<[f64; 2], Finding> {
+    let mut slopes = [0.0; 2];
+    for (motor, changes) in changes.iter().enumerate() {
+        slopes[motor] = running::current_per_acceleration(changes).unwrap_or(0.0);
+        if let Some(change) = change_meanwhile(changes, slopes[motor] * TAU * ramp) {
+            return Err(Finding::Uneven { motor, change });
+        }
+    }
+    Ok(slopes)
 }
 
 /// Returns by how much the current that a rotor takes changed among its ramps, as a share of what speeds it up, A, where that is too

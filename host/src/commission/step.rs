@@ -1,6 +1,6 @@
 //! The steps of commissioning, and why it ends without a result.
 
-use flix_protocol::message::Faults;
+use flix_protocol::message::{Faults, Halt};
 
 use super::finding::Finding;
 
@@ -24,9 +24,14 @@ pub enum CommissionError<E> {
     /// The robot did not do what a step takes.
     #[error("{0} came to no end")]
     Endless(Step),
-    /// The robot stopped by itself in the middle of a step, again and again, because commands came too late.
-    #[error("{0} broke off, because commands came too late: see `flix link-test`")]
-    Lapsed(Step),
+    /// The robot stopped by itself in the middle of a step, each time that the step was tried.
+    #[error("{step} broke off: {halt}; `flix link-test` measures the link")]
+    Lapsed {
+        /// The step.
+        step: Step,
+        /// Why the robot stopped last.
+        halt: Halt,
+    },
     /// The robot may be given less current than this takes.
     #[error(
         "current_limit is {limit:.3} A, and commissioning takes up to {CURRENT_LIMIT} A: raise it with `flix parameters set`, or \

@@ -2,7 +2,7 @@
 
 use flix_protocol::message::{
     Bridges, Channel, Command, Fault, Faults, Halt, LEAST_TRIAL_CURRENT_MA, LONGEST_PATTERN_TICKS,
-    MOST_TRIAL_CURRENT_MA, Outcome, Pattern, Permit, Refusal, State, Telemetry, Trial, Trigger,
+    MOST_TRIAL_CURRENT_MA, Outcome, Pattern, Refusal, State, Telemetry, Trial, Trigger,
 };
 
 use super::circuit;
@@ -70,16 +70,7 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
         channels: &[Channel],
         rows: u16,
     ) -> Done<(Columns, Bridges), S> {
-        for _ in 0..MOST_TRIALS {
-            let before = self.permit();
-            match self.try_once(step, trial, channels, rows, before) {
-                // Also one that coasted before its pattern began, which is never captured.
-                Err(CommissionError::Lapsed(_)) => {}
-                Ok(_) if self.has_lapsed(before) => {}
-                ended => return ended,
-            }
-        }
-        Err(CommissionError::Lapsed(step))
+        self.until_held(MOST_TRIALS, |it| it.try_once(step, trial, channels, rows))
     }
 
     fn try_once(
@@ -88,8 +79,8 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
         trial: Trial,
         channels: &[Channel],
         rows: u16,
-        permit: Option<Permit>,
     ) -> Done<(Columns, Bridges), S> {
+        let permit = self.permit();
         self.begin_capture(channels, Trigger::Pattern, 0)?;
         let Outcome::Bridges(bridges) = self.robot.ask(Command::Bridges)? else {
             return Err(CommissionError::OtherAnswer);
@@ -97,6 +88,7 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
         self.begin_trial(step, trial)?;
         let columns = self.capture_since(step, rows, permit)?;
         self.await_state(step, State::Disarmed, false)?;
+        self.check_unbroken(step, permit)?;
         Ok((columns, bridges))
     }
 
@@ -120,7 +112,7 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
         })?;
         match begun {
             Some(None) => Ok(()),
-            Some(Some(Some(Refusal::Rested))) => Err(CommissionError::Lapsed(step)),
+            Some(Some(Some(Refusal::Rested))) => Err(self.lapsed(step)),
             Some(Some(Some(refusal))) => {
                 self.check(step)?;
                 Ok(self.robot.refused(refusal)?)
@@ -140,7 +132,7 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
             Channel::BottomPhaseB,
         ];
         self.begin_capture(&channels, Trigger::Now, 0)?;
-        let columns = self.capture(Step::Wiring, WIRING_TICKS)?;
+        let columns = self.capture_since(Step::Wiring, WIRING_TICKS, None)?;
         let currents = [0, 1].map(|motor| [2, 3].map(|it| columns.mean(2 * motor + it)));
         Ok(Resting { angles: [columns.of(0), columns.of(1)], currents })
     }

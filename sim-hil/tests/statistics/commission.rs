@@ -1,18 +1,22 @@
 //! What commissioning finds in many robots, and when something changes meanwhile.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use flix_firmware::settings::Settings;
-use flix_host::commission::{CommissionError, Finding, Known, commission};
+use flix_host::commission::{CommissionError, Finding, Known, Step, commission};
+use flix_protocol::units::Instant;
 use flix_sim::model::{RobotModel, SIMULATED_BOARD};
 use flix_sim::plant::Plant;
+use flix_sim::plant::electronics::Electronics;
 use flix_sim::reliability::commission::{CURRENT_LIMIT_A, motors, voltage_mode, wiring_faults};
 use flix_sim::reliability::unknown_motors::{Watched, rotor_inertia, unknown_motors};
 use flix_sim::rig::bench::bench_key;
 use flix_sim::rig::hardware_fault::{HardwareFault, Injected};
 use flix_sim::rig::lossy_network::ChannelParameters;
 use flix_sim::rig::operation::{Operation, OperationError};
-use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
+use flix_sim::rig::simulated::{Disturbance, RobotParameters, SimulatedRobot};
 use flix_sim::rig::wiring_fault::{Miswired, WiringFault};
 use flix_sim::study::compute;
 
@@ -25,34 +29,59 @@ fn robots_of_unknown_motors_find_their_own_values_and_name_what_is_wired_wrongly
     }
 }
 
+/// Lets the top rotor rub for some time after its test says that the ramps begin.
+struct Rub {
+    ramps: Arc<AtomicBool>,
+    held: f64,
+    after: Duration,
+    length: Duration,
+    begun: Option<Injected>,
+}
+
+impl Disturbance for Rub {
+    fn electronics(&mut self, now: Instant, electronics: &mut Electronics) {
+        if self.begun.is_none() && self.ramps.load(Ordering::Relaxed) {
+            let from = now + self.after;
+            let jammed = HardwareFault::Jammed(0, self.held);
+            self.begun = Some(Injected::new(jammed, from, from + self.length, 1));
+        }
+        if let Some(begun) = &mut self.begun {
+            begun.electronics(now, electronics);
+        }
+    }
+}
+
 /// What the ramps take is friction and inertia: friction that changes among them would be taken for inertia.
 #[test]
-#[ignore = "its moments were those of the ramps before orders replaced commands: begin them with the step instead"]
 fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_stay_as_they_were() {
     let mut model = unknown_motors(9_201);
     for (measures_bus, held, after, seconds) in [
-        (false, 0.004, 85, 200),
-        (false, 0.004, 75, 1),
-        (false, 0.004, 85, 15),
-        (false, 0.002, 64, 53),
-        (true, 0.004, 63, 200),
-        (true, 0.004, 66, 200),
-        (true, 0.004, 68, 1),
+        (false, 0.004, 24_100, 200),
+        (false, 0.004, 13_600, 1),
+        (false, 0.004, 24_100, 15),
+        (false, 0.002, 3_100, 53),
+        (true, 0.004, 3_100, 200),
+        (true, 0.004, 6_100, 200),
+        (true, 0.004, 8_100, 1),
     ] {
         model.electrical.sense.bus_uv_per_count = if measures_bus { 4_464 } else { 0 };
         let mut robot = Watched::power_up(model.clone(), 9_201).unwrap();
         let battery = Some(robot.operation.robot.electronics().battery().open_circuit_voltage());
-        let from = robot.operation.now() + Duration::from_secs(after);
-        let rubs = HardwareFault::Jammed(0, held);
-        robot.operation.robot.disturb(Injected::new(
-            rubs,
-            from,
-            from + Duration::from_secs(seconds),
-            1,
-        ));
+        let ramps = Arc::new(AtomicBool::new(false));
+        let (after, length) = (Duration::from_millis(after), Duration::from_secs(seconds));
+        let begun = None;
+        robot.operation.robot.disturb(Rub {
+            ramps: Arc::clone(&ramps),
+            held,
+            after,
+            length,
+            begun,
+        });
         let before = robot.settings();
         let known = Known { rotor_inertia: Some(rotor_inertia(&model.shaker)), battery };
-        let found = commission(&mut robot, &known, |_| {});
+        let found = commission(&mut robot, &known, |step| {
+            ramps.fetch_or(step == Step::Ramps, Ordering::Relaxed);
+        });
         let Err(CommissionError::Found(finding)) = found else { panic!("{found:?}") };
         assert!(matches!(finding, Finding::Uneven { motor: 0, .. }), "{finding:?}");
         let after = robot.settings();
