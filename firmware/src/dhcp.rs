@@ -83,8 +83,7 @@ fn believed<'a>(
     let is_host = |address: &Ipv4Addr| {
         let is_near = network.contains_addr(address);
         let prefix_length = if is_near { network.prefix_len() } else { 0 };
-        let address = FixedAddress { address: address.octets(), prefix_length, gateway: None };
-        address.is_host() && address.address[0] != 127
+        FixedAddress { address: address.octets(), prefix_length, gateway: None }.is_host()
     };
     let server = [message.server_identifier, Some(sender)].into_iter().flatten().find(is_host)?;
     let routers = routers.as_chunks().0.iter().copied().map(Ipv4Addr::from);
