@@ -53,10 +53,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (ending, seconds) = run.drive(&mut pilot, |pilot| {
         format!("{:<24} {:>4.0} mm away", pilot.doing(), pilot.helm().progress().error * 1e3)
     })?;
-    run.leave();
+    let stop = run.leave();
     let numbers = results(pilot.helm(), seconds);
     let (_, Recorded { file, error: record_error }) = pilot.finish(numbers.clone());
-    verdict(&ending, file.as_ref())?;
+    verdict(&ending, stop, file.as_ref())?;
     let mut text = format!("arrived: {ending}\n{}", describe(&numbers));
     if let Some(file) = file {
         text += &row("record", format_args!("{} (MCAP)", file.display()));

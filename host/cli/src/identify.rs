@@ -115,9 +115,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         let (done, all) = pilot.helm().progress();
         format!("{:<24} stretch {} of {all}", pilot.doing(), (done + 1).min(all))
     })?;
-    run.leave();
+    let stop = run.leave();
     let (identification, Recorded { file, error }) = pilot.finish(BTreeMap::new());
-    verdict(&ending, file.as_ref())?;
+    verdict(&ending, stop, file.as_ref())?;
     let source = args.identification.source();
     let modes = identification.table(&args.robot.robot, &source)?;
     modes.save(&args.files.modes)?;

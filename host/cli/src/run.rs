@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::{Duration, SystemTime};
 
-use flix_protocol::message::{Command, Outcome, Refusal};
+use flix_protocol::message::{Command, Outcome};
 use flix_protocol::units::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::address::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
 use flix_host::link::udp::Connection;
-use flix_host::link::{LinkError, RobotLink};
+use flix_host::link::{RobotLink, StopState};
 use flix_host::pilot::{Ending, Helm, Pilot, real_time};
 use flix_host::pose::PoseSample;
 use flix_host::pose::any::Poses;
@@ -285,9 +285,10 @@ impl Run {
         ended
     }
 
-    /// Closes the session. A stop stays latched until the next run or `flix clear`.
-    pub fn leave(mut self) {
+    /// Closes the session, and returns how far the stop of a run that failed has come. It stays latched until `flix clear`.
+    pub fn leave(mut self) -> StopState {
         self.connection.leave();
+        self.connection.client().stop_state()
     }
 
     /// Begins the record of the run, and its stream where one is asked for.
@@ -338,8 +339,8 @@ pub fn record(
     Ok(Recorder::create(out, started, &description)?)
 }
 
-/// Returns an error for a run that did not finish.
-pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
+/// Returns an error for a run that did not finish; `stop`: how far the stop that ended it has come.
+pub fn verdict(ending: &Ending, stop: StopState, record: Option<&PathBuf>) -> Result<(), Error> {
     let exit = match ending {
         Ending::Finished => return Ok(()),
         Ending::Robot(error) => Error::from(error.clone()).exit,
@@ -351,16 +352,17 @@ pub fn verdict(ending: &Ending, record: Option<&PathBuf>) -> Result<(), Error> {
     if let Some(file) = record {
         let _ = write!(sentence, " (record: {})", file.display());
     }
-    // The run stopped a robot that it could still ask; what names the command already is not repeated.
-    let is_stopped = match ending {
-        Ending::Robot(error) => matches!(
-            error,
-            LinkError::State { .. } | LinkError::Lapsed | LinkError::Refused(Refusal::Rested)
-        ),
-        _ => true,
-    };
-    if is_stopped {
-        sentence.push_str("; `flix clear` makes the robot ready again");
+    // Some sentences name the command already.
+    let is_named = sentence.contains("flix clear");
+    match stop {
+        StopState::Acknowledged if !is_named => {
+            sentence += "; the robot was stopped: `flix clear` makes it ready again";
+        }
+        StopState::Sending => {
+            sentence +=
+                "; the robot has not acknowledged the stop: without commands it stops by itself";
+        }
+        StopState::Acknowledged | StopState::None => {}
     }
     Err(Error::new(exit, sentence))
 }

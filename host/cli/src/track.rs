@@ -71,11 +71,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             progress.error_rms * 1e3
         )
     })?;
-    run.leave();
+    let stop = run.leave();
     let (walked, controller) = (name.trim_start_matches("track-"), args.course.controller());
     let numbers = results(pilot.helm().navigator(), seconds);
     let (_, Recorded { file, error }) = pilot.finish(numbers.clone());
-    verdict(&ending, file.as_ref())?;
+    verdict(&ending, stop, file.as_ref())?;
     if args.json {
         let mut report = serde_json::Map::new();
         for (key, value) in &numbers {

@@ -342,7 +342,7 @@ pub trait RobotLink {
     /// Brings the rotors to rest and lets the motors coast.
     ///
     /// # Errors
-    /// As for [`RobotLink::ask`]; when the robot does not come to rest in time.
+    /// When the session ends, the robot does not come to rest in time, or a fault or a stop brought it to rest.
     fn disarm(&mut self) -> Result<(), Self::Error> {
         let (client, now) = self.operate();
         client.disarm(now);
@@ -350,10 +350,11 @@ pub trait RobotLink {
         let disarmed = self.wait_for(DISARM_PATIENCE, |client, update| {
             let Update::Telemetry(telemetry) = update else { return None };
             actual = telemetry.state;
-            (client.is_heard(telemetry) && telemetry.state.is_idle()).then_some(())
+            (client.is_heard(telemetry) && telemetry.state.is_idle())
+                .then(|| LinkError::of_idle(telemetry).map_or(Ok(()), Err))
         })?;
         let wanted = State::Disarmed;
-        Ok(disarmed.ok_or(LinkError::State { wanted, actual })?)
+        Ok(disarmed.unwrap_or(Err(LinkError::State { wanted, actual }))?)
     }
 
     /// Returns the newest telemetry.

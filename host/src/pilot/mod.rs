@@ -101,14 +101,14 @@ impl fmt::Display for Ending {
         match self {
             Self::Finished => f.write_str("finished"),
             Self::Stopped(stop) => write!(f, "{stop}"),
-            Self::Interrupted => f.write_str("interrupted; the robot was stopped"),
+            Self::Interrupted => f.write_str("interrupted"),
             Self::OutOfTime(patience) => write!(
                 f,
-                "not done within {} s; the robot was stopped: allow more with --patience",
+                "not done within {} s: allow more with --patience",
                 patience.as_secs_f64()
             ),
             Self::Robot(error) => write!(f, "{error}"),
-            Self::NotRecorded(trouble) => write!(f, "{trouble}; the robot was stopped"),
+            Self::NotRecorded(trouble) => f.write_str(trouble),
         }
     }
 }
@@ -121,7 +121,7 @@ enum Phase {
     /// Comes to rest after a successful end.
     Resting,
     Disarming,
-    /// Stops after a failed run.
+    /// Stops after a failed run, and waits for the acknowledgement.
     Stopping,
     /// The robot fell silent: learns whether it refuses the key now.
     Lost,
@@ -289,14 +289,12 @@ impl<H: Helm> Pilot<H> {
                 self.fail(now, client, Ending::Robot(LinkError::Connect(ConnectError::NoAnswer)));
             }
             Phase::Arming if now.since(begun) > ARM_PATIENCE => {
-                let actual = client.telemetry().map_or(State::Disarmed, |it| it.state);
-                let error = LinkError::State { wanted: State::Armed, actual };
-                self.fail(now, client, Ending::Robot(error));
+                self.fail_to_reach(now, client, State::Armed);
             }
             Phase::Driving => self.drive(now, client),
             Phase::Resting => self.rest(now, client, begun),
             Phase::Disarming if now.since(begun) > END_PATIENCE => {
-                self.fail_silently(now, client);
+                self.fail_to_reach(now, client, State::Disarmed);
             }
             Phase::Lost if now.since(begun) > REVOKED_PATIENCE => self.lose(LinkError::Silent),
             Phase::Stopping => {
@@ -354,9 +352,12 @@ impl<H: Helm> Pilot<H> {
                 }
             }
             (Phase::Disarming, Update::Telemetry(telemetry))
-                if telemetry.state == State::Disarmed && client.is_heard(telemetry) =>
+                if telemetry.state.is_idle() && client.is_heard(telemetry) =>
             {
-                self.phase = Phase::Over;
+                match LinkError::of_idle(telemetry) {
+                    Some(error) => self.fail(now, client, Ending::Robot(error)),
+                    None => self.phase = Phase::Over,
+                }
             }
             _ => {}
         }
@@ -442,18 +443,21 @@ impl<H: Helm> Pilot<H> {
         let sentence = ending.to_string();
         self.record(|recorder| recorder.log(now, Level::Error, &sentence));
         self.ending = Some(ending);
-        self.fail_silently(now, client);
-    }
-
-    /// Stops, and waits for the acknowledgement.
-    fn fail_silently(&mut self, now: Instant, client: &mut Client) {
         client.stop(now);
         self.enter(now, Phase::Stopping);
     }
 
-    /// Ends without a stop, because the link is gone: the robot's own deadline stops it.
+    fn fail_to_reach(&mut self, now: Instant, client: &mut Client, wanted: State) {
+        let actual = client.telemetry().map_or(State::Disarmed, |it| it.state);
+        self.fail(now, client, Ending::Robot(LinkError::State { wanted, actual }));
+    }
+
+    /// Ends without a stop, because the link is gone: the robot's own deadline stops it. A task that was done has not ended well:
+    /// nobody saw the robot at rest.
     fn lose(&mut self, error: LinkError) {
-        self.ending.get_or_insert(Ending::Robot(error));
+        if matches!(self.ending, None | Some(Ending::Finished)) {
+            self.ending = Some(Ending::Robot(error));
+        }
         self.phase = Phase::Over;
     }
 

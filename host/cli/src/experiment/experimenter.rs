@@ -15,7 +15,7 @@ use crate::run::{RecordArgs, Run, unrecorded, verdict};
 use flix_host::experiment::walks::{SHORTEST, rows};
 use flix_host::experiment::{Sheet, SheetError};
 use flix_host::nav::Identification;
-use flix_host::pilot::{Ending, Helm, Pilot, Recorded};
+use flix_host::pilot::{Helm, Pilot, Recorded};
 use flix_host::record::in_calendar;
 use flix_shell::output::{complain, optional_path_as_text, path_as_text, print, print_json};
 use flix_shell::{Error, Exit};
@@ -115,11 +115,8 @@ impl Experimenter<'_> {
         let driven = run.drive_keeping(&mut pilot, message, |helm| {
             kept.keep(done(helm).0, |last| rows(helm, last).1)
         });
-        match &driven {
-            Ok(_) => run.leave(),
-            // It stops the robot, if it still drives it.
-            Err(_) => drop(run),
-        }
+        // Where it failed, the run stops the robot, if it still drives it.
+        let driven = driven.map(|(ending, _)| (ending, run.leave()));
         let (helm, Recorded { file, error }) = pilot.finish(BTreeMap::new());
         let (tests, rows) = rows(&helm, kept.last);
         let sheet = kept.finish(&rows)?;
@@ -128,8 +125,8 @@ impl Experimenter<'_> {
         let path = sheet.path().to_owned();
         let report = Report { file: path, tests, rows: rows.len(), ending, record: file.clone() };
         report.show(self.json)?;
-        let (ending, _): (Ending, f64) = driven?;
-        verdict(&ending, file.as_ref())?;
+        let (ending, stop) = driven?;
+        verdict(&ending, stop, file.as_ref())?;
         unrecorded(error, self.record.unrecorded)?;
         Ok(Exit::Done.into())
     }

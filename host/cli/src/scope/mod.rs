@@ -10,7 +10,8 @@ use std::time::{Duration, SystemTime};
 use flix_protocol::message::{
     SCOPE_RATE_HZ, ScopeCommand, ScopePlan, ScopeState, ScopeStatus, Setpoint, State, Trigger,
 };
-use flix_protocol::units::{Degrees, Hertz};
+use flix_protocol::session::ConnectError;
+use flix_protocol::units::{Degrees, Hertz, Instant};
 use indicatif::ProgressBar;
 use ratatui::Frame;
 use serde::Serialize;
@@ -19,7 +20,7 @@ use super::address::RobotArgs;
 use super::drive::{direction, frequency, give_up, stop};
 use crate::teleop::terminal::{Screen, is_closed};
 use flix_host::link::udp::Connection;
-use flix_host::link::{LinkError, RobotLink, Update, is_reached};
+use flix_host::link::{Client, LinkError, RobotLink, Update, is_reached};
 use flix_host::record::dated;
 use flix_host::scope::{self, Capture, Extent, channels, files, trigger};
 use flix_host::system::interrupt::Interrupt;
@@ -127,14 +128,19 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let (plan, setpoint) = (args.plan()?, args.setpoint()?);
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;
-    let mut driven =
-        Driven { setpoint, awaits_fault: plan.trigger == Trigger::Fault, screen: None };
+    let mut driven = Driven {
+        connection: &mut connection,
+        setpoint,
+        awaits_fault: plan.trigger == Trigger::Fault,
+        screen: None,
+        is_left: false,
+    };
     let done = if args.last {
-        last(&mut connection, &mut driven)
+        last(&mut driven)
     } else if args.live {
-        live(&mut connection, &plan, &mut driven, args.patience).map(|()| None)
+        live(&mut driven, &plan, args.patience).map(|()| None)
     } else {
-        once(&mut connection, &plan, &mut driven, args.patience)
+        once(&mut driven, &plan, args.patience)
     };
     let capture = match done {
         Ok(capture) => capture,
@@ -156,50 +162,44 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 
 /// Captures once, and drives meanwhile where that is wanted. Once the session ends the robot watches for faults again.
 fn once(
-    connection: &mut Connection,
+    driven: &mut Driven<'_>,
     plan: &ScopePlan,
-    driven: &mut Driven,
     patience: Duration,
 ) -> Result<Option<Capture>, Error> {
     let begins_now = plan.trigger == Trigger::Now;
     if !begins_now {
-        scope::ask(connection, ScopeCommand::Begin(plan.clone()))?;
+        scope::ask(driven, ScopeCommand::Begin(plan.clone()))?;
     }
-    driven.begin(connection)?;
+    driven.begin()?;
     if begins_now {
-        scope::ask(connection, ScopeCommand::Begin(plan.clone()))?;
+        scope::ask(driven, ScopeCommand::Begin(plan.clone()))?;
     }
-    let status = await_capture(connection, driven, patience)?;
-    driven.end(connection)?;
-    let capture = status.map(|status| fetch(connection, driven, status)).transpose()?;
+    let status = await_capture(driven, patience)?;
+    driven.end()?;
+    let capture = status.map(|status| fetch(driven, status)).transpose()?;
     Ok(capture.flatten())
 }
 
 /// Fetches what the robot has kept of a fault.
-fn last(connection: &mut Connection, driven: &mut Driven) -> Result<Option<Capture>, Error> {
-    let status = scope::ask(connection, ScopeCommand::Status)?;
+fn last(driven: &mut Driven<'_>) -> Result<Option<Capture>, Error> {
+    let status = scope::ask(driven, ScopeCommand::Status)?;
     if status.state != ScopeState::Complete {
         return Err(Error::new(
             Exit::Nothing,
             "the robot has had no fault since it was armed last, so nothing is kept; `flix scope --trigger fault` waits for one",
         ));
     }
-    fetch(connection, driven, status)
+    fetch(driven, status)
 }
 
 /// Draws one capture after the other until the operator leaves.
-fn live(
-    connection: &mut Connection,
-    plan: &ScopePlan,
-    driven: &mut Driven,
-    patience: Duration,
-) -> Result<(), Error> {
+fn live(driven: &mut Driven<'_>, plan: &ScopePlan, patience: Duration) -> Result<(), Error> {
     if is_closed() {
         return Err(Error::usage(
             "--live needs a terminal; without it the capture is written to files",
         ));
     }
-    driven.begin(connection)?;
+    driven.begin()?;
     let screen = Screen::open(false)
         .map_err(|error| Error::usage(format_args!("the terminal failed: {error}")))?;
     driven.screen = Some(screen);
@@ -211,11 +211,11 @@ fn live(
         if driven.screen.as_mut().is_some_and(|screen| screen.draw(draw).is_err()) {
             break Err(LinkError::Interrupted.into());
         }
-        let captured = scope::ask(connection, ScopeCommand::Begin(plan.clone()))
+        let captured = scope::ask(driven, ScopeCommand::Begin(plan.clone()))
             .map_err(Error::from)
-            .and_then(|_| await_capture(connection, driven, patience))
+            .and_then(|_| await_capture(driven, patience))
             .and_then(|status| match status {
-                Some(status) => fetch(connection, driven, status),
+                Some(status) => fetch(driven, status),
                 None => Ok(None),
             });
         match captured {
@@ -227,46 +227,69 @@ fn live(
     };
     driven.screen = None;
     ended?;
-    driven.end(connection)
+    driven.end()
 }
 
 /// A robot that is driven while it is captured, or one that is left alone.
-struct Driven {
+struct Driven<'a> {
+    connection: &'a mut Connection,
     setpoint: Option<Setpoint>,
     awaits_fault: bool,
     /// Where the operator looks meanwhile, and may press keys.
     screen: Option<Screen>,
+    /// Whether the operator wants to leave.
+    is_left: bool,
 }
 
-impl Driven {
-    /// Returns whether the operator wants to leave.
-    fn is_left(&mut self) -> Result<bool, Error> {
-        let Some(screen) = &mut self.screen else { return Ok(false) };
+impl RobotLink for Driven<'_> {
+    type Error = LinkError;
+
+    fn operate(&mut self) -> (&mut Client, Instant) {
+        self.connection.operate()
+    }
+
+    /// Looks at the keys, also while an answer is awaited.
+    fn wait(&mut self, longest: Duration) -> Result<(), LinkError> {
+        self.look_at_keys()?;
+        self.connection.wait(longest)
+    }
+
+    fn no_session(&self, error: ConnectError) -> LinkError {
+        self.connection.no_session(error)
+    }
+}
+
+impl Driven<'_> {
+    fn look_at_keys(&mut self) -> Result<(), LinkError> {
+        let Some(screen) = &mut self.screen else { return Ok(()) };
         if is_closed() {
-            return Err(LinkError::Interrupted.into());
+            return Err(LinkError::Interrupted);
         }
         let typed = screen.typed();
+        let drives = self.setpoint.is_some();
         // A robot does not walk on for nobody.
-        let mut is_left = self.setpoint.is_some() && typed.doubt.is_some();
+        self.is_left |= drives && typed.doubt.is_some();
         for action in typed.actions {
             match action {
-                Action::Stop | Action::Interrupt => return Err(LinkError::Interrupted.into()),
-                action => is_left |= action == Action::Quit,
+                Action::Stop | Action::Interrupt => return Err(LinkError::Interrupted),
+                Action::Quit => self.is_left = true,
+                // A robot that is captured here rests by being disarmed.
+                Action::Rest | Action::Disarm => self.is_left |= drives,
+                _ => {}
             }
         }
-        Ok(is_left)
+        Ok(())
     }
 
     /// Arms and waits until f and theta are held, as long as no fault is awaited.
-    fn begin(&self, connection: &mut Connection) -> Result<(), Error> {
+    fn begin(&mut self) -> Result<(), Error> {
         let Some(setpoint) = self.setpoint else { return Ok(()) };
-        waiting("the robot to align its motors and prove its link", || connection.arm())?;
-        let (client, now) = connection.operate();
-        client.hold(now, setpoint);
+        waiting("the robot to align its motors and prove its link", || self.arm())?;
+        self.hold(setpoint);
         if self.awaits_fault {
             return Ok(());
         }
-        let held = connection.wait_for(SETTLING, |_, update| match update {
+        let held = self.wait_for(SETTLING, |_, update| match update {
             Update::Telemetry(telemetry) if telemetry.state == State::Faulted => {
                 Some(Err(LinkError::faulted(telemetry)))
             }
@@ -277,16 +300,9 @@ impl Driven {
         Ok(held.transpose().map(drop)?)
     }
 
-    /// Returns why the robot is driven no more, unless that is what is waited for.
-    fn check(&self, update: &Update) -> Option<LinkError> {
-        self.setpoint?;
-        LinkError::while_driven(update)
-            .filter(|error| !(self.awaits_fault && matches!(error, LinkError::Faulted { .. })))
-    }
-
-    /// Fails where the walk has ended while a request waited for its answer, unless that is what is waited for.
-    fn check_walk(&self, connection: &Connection) -> Result<(), Error> {
-        let client = connection.client();
+    /// Fails where the walk has ended, unless by the fault that is waited for.
+    fn check_walk(&self) -> Result<(), Error> {
+        let client = self.connection.client();
         if self.setpoint.is_none() || client.held() == self.setpoint {
             return Ok(());
         }
@@ -298,58 +314,52 @@ impl Driven {
     }
 
     /// Disarms; a robot with the fault that was waited for is disarmed.
-    fn end(&self, connection: &mut Connection) -> Result<(), Error> {
-        if self.setpoint.is_none()
-            || connection.client().telemetry().is_some_and(|it| it.state == State::Faulted)
-        {
+    fn end(&mut self) -> Result<(), Error> {
+        if self.setpoint.is_none() {
             return Ok(());
         }
-        Ok(connection.disarm()?)
+        match self.disarm() {
+            Err(LinkError::Faulted { .. }) if self.awaits_fault => Ok(()),
+            ended => Ok(ended?),
+        }
     }
 }
 
 /// Waits until the capture is complete; `None` when the operator leaves before.
 fn await_capture(
-    connection: &mut Connection,
-    driven: &mut Driven,
+    driven: &mut Driven<'_>,
     patience: Duration,
 ) -> Result<Option<ScopeStatus>, Error> {
     let start = std::time::Instant::now();
-    while !driven.is_left()? {
-        let status = scope::ask(connection, ScopeCommand::Status)?;
-        driven.check_walk(connection)?;
+    while !driven.is_left {
+        let status = scope::ask(driven, ScopeCommand::Status)?;
+        driven.check_walk()?;
         if status.state == ScopeState::Complete {
             return Ok(Some(status));
         }
         if status.state == ScopeState::Waiting && start.elapsed() > patience {
-            driven.end(connection)?;
+            driven.end()?;
             let sentence = format!(
                 "the trigger has not come within {} s: wait longer with --for, or choose another",
                 patience.as_secs_f64()
             );
             return Err(Error::new(Exit::Nothing, sentence));
         }
-        if let Some(error) = connection.wait_for(LOOK, |_, update| driven.check(update))? {
-            return Err(error.into());
-        }
+        driven.pause(LOOK)?;
     }
     Ok(None)
 }
 
 /// Fetches the rows; `None` when the operator leaves before.
-fn fetch(
-    connection: &mut Connection,
-    driven: &mut Driven,
-    status: ScopeStatus,
-) -> Result<Option<Capture>, Error> {
+fn fetch(driven: &mut Driven<'_>, status: ScopeStatus) -> Result<Option<Capture>, Error> {
     // On the screen of --live it would be in the way.
     let bar = match driven.screen {
         Some(_) => ProgressBar::hidden(),
         None => ProgressBar::new(status.rows.into()),
     };
     let mut capture = Capture::new(status);
-    while !driven.is_left()? {
-        if !scope::fetch(connection, &mut capture)? {
+    while !driven.is_left {
+        if !scope::fetch(driven, &mut capture)? {
             bar.finish_and_clear();
             return Ok(Some(capture));
         }
