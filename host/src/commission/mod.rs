@@ -126,6 +126,8 @@ const ALIGNMENT_CURRENTS: (f64, f64) = (0.3, 1.2);
 const SWING_CURRENT: f64 = 0.9;
 /// Current that rotors which are still turning may drive through shorted windings, A.
 const BRAKING_CURRENT: f64 = 1.0;
+/// The fault of position loops that do not suit their motors.
+const UNLOCKED: Faults = Faults::NONE.with(Fault::PhaseLockLost);
 /// How often motors are made to run while orders stay away in the middle of it.
 const MOST_RUNS: u32 = 3;
 /// Gentlest and steepest ramps, Hz/s.
@@ -297,11 +299,9 @@ fn with_either_loop<S: RobotLink, T>(
     };
     match run(under_test, first) {
         // Which loop keeps the lock, friction and cogging decide, too.
-        Err(CommissionError::Faulted { step, faults })
-            if faults == Faults::NONE.with(Fault::PhaseLockLost) =>
-        {
+        Err(CommissionError::Faulted { step, faults }) if faults == UNLOCKED => {
             under_test.robot.hold(Setpoint::REST);
-            under_test.clear(step)?;
+            under_test.clear(step, UNLOCKED)?;
             run(under_test, second)
         }
         Err(CommissionError::Found(Finding::Swings { .. })) => run(under_test, second),

@@ -41,6 +41,10 @@ const TURNING_TICKS: u16 = 3_300;
 /// Ticks between jumps of the field that a rotor swings after, and in all.
 const SWING_TICKS: u16 = 600;
 const SWING_ROWS: u16 = 2_700;
+/// The fault of a trial that sees no current, that of too much, and those of one that sees too little of what flows.
+const UNSEEN: Faults = Faults::NONE.with(Fault::CurrentSense);
+const TOO_MUCH: Faults = Faults::NONE.with(Fault::OverCurrent);
+const OF_TRIALS: Faults = UNSEEN.union(TOO_MUCH);
 /// How often a trial is begun whose commands stay away.
 const MOST_TRIALS: u32 = 10;
 /// Most that a rotor which follows its field is off, root mean square, electrical degrees.
@@ -193,11 +197,10 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
         for _ in 0..TRIES {
             match self.try_out(Step::Wiring, trial, channels, WIRING_TICKS) {
                 Ok((columns, bridges)) => return Ok((columns, Some(bridges))),
-                Err(CommissionError::Faulted { faults, .. })
-                    if faults == Faults::NONE.with(Fault::CurrentSense) => {}
+                Err(CommissionError::Faulted { faults, .. }) if faults == UNSEEN => {}
                 Err(error) => return Err(error),
             }
-            self.clear(Step::Wiring)?;
+            self.clear(Step::Wiring, UNSEEN)?;
             self.begin_capture(channels, Trigger::Fault, LOOKED_TICKS)?;
             match self.begin_trial(Step::Wiring, trial) {
                 // It gave up before telemetry showed that it began.
@@ -207,7 +210,7 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
             // Where a current just about shows, this one may find it.
             for _ in 0..TRIAL_LOOKS {
                 if let Some(columns) = self.captured(LOOKED_TICKS)? {
-                    self.clear(Step::Wiring)?;
+                    self.clear(Step::Wiring, UNSEEN)?;
                     return Ok((columns, None));
                 }
                 self.robot.pause(LOOK)?;
@@ -216,16 +219,15 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
         Err(CommissionError::Endless(Step::Wiring))
     }
 
-    /// Clears a fault that was expected; the robot lets it go once its motors were braked.
-    pub(super) fn clear(&mut self, step: Step) -> Done<(), S> {
+    /// Clears faults that were expected; the robot lets them go once its motors were braked.
+    pub(super) fn clear(&mut self, step: Step, expected: Faults) -> Done<(), S> {
         self.await_state(step, State::Faulted, true)?;
-        let permit = self.permit();
         for _ in 0..LOOKS {
-            // A program clears the fault that it expected, and neither another one nor a stop.
+            // A program clears neither another fault nor a stop.
             if self.robot.telemetry().is_some_and(|it| it.stopped) {
                 self.robot.refused(Refusal::Stopped)?;
             }
-            if self.permit() != permit {
+            if self.robot.telemetry().is_some_and(|it| it.faults.union(expected) != expected) {
                 self.check(step)?;
             }
             self.robot.press(Wish::Clear)?;
@@ -283,9 +285,9 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
                     currents.next();
                 }
                 Err(CommissionError::Faulted { faults, .. })
-                    if !faults.contains(Fault::EncoderLost) =>
+                    if faults.union(OF_TRIALS) == OF_TRIALS =>
                 {
-                    self.clear(Step::Wiring)?;
+                    self.clear(Step::Wiring, OF_TRIALS)?;
                     tries -= 1;
                     // Where a current just about shows, the next one may find it.
                     if tries == 0 || !faults.contains(Fault::CurrentSense) {
@@ -424,11 +426,11 @@ impl<S: RobotLink> RobotUnderTest<'_, S> {
             match self.try_out(Step::Turning(motor), trial, channels, rows) {
                 Ok((columns, _)) => return Ok((trial, columns)),
                 Err(CommissionError::Faulted { faults, .. })
-                    if faults == Faults::NONE.with(Fault::OverCurrent)
-                        && trial.current_ma * 3 / 4 >= LEAST_TRIAL_CURRENT_MA => {}
+                    if faults == TOO_MUCH && trial.current_ma * 3 / 4 >= LEAST_TRIAL_CURRENT_MA => {
+                }
                 Err(error) => return Err(error),
             }
-            self.clear(Step::Turning(motor))?;
+            self.clear(Step::Turning(motor), TOO_MUCH)?;
             trial.current_ma = trial.current_ma * 3 / 4;
         }
     }
