@@ -445,6 +445,7 @@ impl Supervisor {
         }
         // Rotors that brake are not under control any more.
         let ramps = self.ticks <= LONGEST_RAMP_TICKS;
+        let drive = if ramps { Drive::Shake(Speed::ZERO, false) } else { Drive::Brake };
         let back = self.reason == Reason::Deadline && !self.link_late && ramps;
         if back {
             self.enter(State::Running);
@@ -460,11 +461,8 @@ impl Supervisor {
             // Encoders that see no rest where there must be one.
             self.count(Halt::Rested);
             self.enter(State::Disarmed);
-            return Drive::Brake;
-        } else if self.ticks > LONGEST_RAMP_TICKS {
-            return Drive::Brake;
         }
-        Drive::Shake(Speed::ZERO, false)
+        drive
     }
 
     /// Switches off where the rotors stand, and brakes where they do not: a robot that restarts in the

@@ -721,6 +721,9 @@ impl Client {
             self.is_driving = false;
             // An earlier picture of the robot does not show this stop.
             self.permitted_at = now;
+            if let Some(telemetry) = &mut self.telemetry {
+                telemetry.stopped = true;
+            }
             self.set_order(now, Order::Off);
             self.updates.push_back(Update::StopAcknowledged);
         }
@@ -781,7 +784,7 @@ impl Client {
         self.was_established = false;
         self.has_failed = false;
         self.telemetry = None;
-        (self.order_since, self.pressed, self.checking) = (None, None, None);
+        (self.order_since, self.pressed) = (None, None);
         if self.stop != StopState::Sending {
             self.order = Order::Off;
         }
@@ -790,9 +793,10 @@ impl Client {
     }
 
     fn abandon_requests(&mut self) {
+        let checking = self.checking.take();
         let ended = self.pending.drain(..).map(|it| it.request.number);
-        self.updates.extend(ended.map(|request| Update::Unanswered { request }));
-        self.checking = None;
+        let asked = ended.filter(|request| Some(*request) != checking);
+        self.updates.extend(asked.map(|request| Update::Unanswered { request }));
     }
 }
 
