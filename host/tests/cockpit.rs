@@ -93,6 +93,7 @@ impl Room {
                 }
             }
             self.pages.watch(&mut self.cockpit, &mut self.client, self.now);
+            self.cockpit.watch(&mut self.client, self.now);
             let mut answers = self.robot.tick(self.now);
             while let Some(frame) = self.client.transmit(self.now) {
                 answers.extend(self.robot.receive(self.now, operator, &frame));
@@ -295,6 +296,24 @@ fn a_press_that_is_said_again_stops_once_and_is_stated_as_heard() {
     room.open(BOB + 1);
     assert_eq!(press(&mut room, BOB + 1, 7), (false, json!([7])));
     assert_eq!(press(&mut room, BOB + 1, 8), (true, json!([7, 8])));
+}
+
+#[test]
+fn a_robot_rests_whose_operator_has_touched_nothing_for_long() {
+    let mut room = Room::walking();
+    room.cockpit.be_attended(Duration::from_secs(3), room.now);
+    room.run(Duration::from_secs(2));
+    room.ask(ANNA, Request::Attend);
+    room.open(BOB);
+    room.run(Duration::from_secs(2));
+    assert_eq!(room.robot.setpoint, PaperMode::Forward.setpoint());
+    let rests_in = &snapshot(&room.cockpit, &room.pages, room.now)["rests_in_s"];
+    assert_eq!(*rests_in, json!(1));
+    // Who watches drives nothing, and keeps nothing from resting.
+    room.ask(BOB, Request::Attend);
+    room.run(Duration::from_secs(1));
+    assert_eq!(room.robot.setpoint, Setpoint::REST);
+    assert!(room.log().contains("for 3 s: the robot rests"), "{}", room.log());
 }
 
 #[test]

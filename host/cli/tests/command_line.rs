@@ -790,6 +790,8 @@ struct Desk {
     master: std::fs::File,
     /// The private modes that the program has set.
     modes: std::sync::Arc<std::sync::Mutex<std::collections::BTreeSet<u32>>>,
+    /// Whether what it draws, and what it answers, comes through.
+    is_connected: std::sync::Arc<std::sync::atomic::AtomicBool>,
     reader: std::thread::JoinHandle<()>,
 }
 
@@ -805,18 +807,36 @@ impl Desk {
         let (child, master) = at_a_terminal(command);
         let modes = std::sync::Arc::<std::sync::Mutex<_>>::default();
         let (mut screen, known) = (master.try_clone().unwrap(), modes.clone());
+        let is_connected = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(true));
+        let answers = is_connected.clone();
         let reader = std::thread::spawn(move || {
-            let (mut shown, mut bytes) = (String::new(), [0; 4096]);
+            let (mut shown, mut place, mut bytes) = (String::new(), String::new(), [0; 4096]);
             while let Ok(length @ 1..) = screen.read(&mut bytes) {
                 shown.push_str(&String::from_utf8_lossy(&bytes[..length]));
                 // The last sequence may not be whole yet.
                 let end = shown.rfind('\u{1b}').unwrap_or(shown.len());
                 let whole = shown.drain(..end).collect::<String>();
                 Self::follow(&whole, &known);
+                if answers.load(std::sync::atomic::Ordering::Relaxed) {
+                    Self::answer(&whole, &mut place, &mut screen);
+                }
             }
             Self::follow(&shown, &known);
         });
-        Self { child, master, modes, reader }
+        Self { child, master, modes, is_connected, reader }
+    }
+
+    /// Keeps where the cursor was set to last, and states it whenever the program asks.
+    fn answer(shown: &str, place: &mut String, screen: &mut std::fs::File) {
+        for sequence in shown.split("\u{1b}[").skip(1) {
+            match sequence.split_once('H') {
+                Some((set, _)) => set.clone_into(place),
+                None if sequence.starts_with("6n") => {
+                    write!(screen, "\u{1b}[{place}R").unwrap();
+                }
+                None => {}
+            }
+        }
     }
 
     fn follow(shown: &str, modes: &std::sync::Mutex<std::collections::BTreeSet<u32>>) {
@@ -1033,6 +1053,30 @@ fn a_robot_rests_when_its_operator_looks_elsewhere() {
     desk.lose_focus();
     wait_until(|| served.robot().setpoint == Setpoint::REST);
     assert_ne!(served.robot().state, State::Disarmed);
+    desk.leave();
+}
+
+#[test]
+fn a_robot_rests_when_the_connection_of_its_terminal_stands_still() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let desk = Desk::new(operator.command(&["teleop", &address]));
+    desk.walk(&served);
+    let connect = |is_connected| {
+        desk.is_connected.store(is_connected, std::sync::atomic::Ordering::Relaxed);
+    };
+    connect(false);
+    wait_until(|| served.robot().setpoint == Setpoint::REST);
+    // A key that comes before the answers was typed long ago.
+    desk.send("w");
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(served.robot().setpoint, Setpoint::REST);
+    connect(true);
+    wait_until(|| {
+        desk.send("w");
+        std::thread::sleep(PRESSED_AGAIN);
+        served.robot().setpoint != Setpoint::REST
+    });
     desk.leave();
 }
 

@@ -223,7 +223,7 @@ fn a_robot_without_an_operator_rests_and_the_time_left_is_shown() {
     }
     desk.run(Duration::from_millis(100));
     assert_eq!((desk.robot.setpoint, desk.robot.state), (Setpoint::REST, State::Armed));
-    assert!(desk.cockpit.log.back().unwrap().text.contains("no key for 30 s"));
+    assert!(desk.cockpit.log.back().unwrap().text.contains("for 30 s: the robot rests"));
 }
 
 #[test]

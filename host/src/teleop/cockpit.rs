@@ -195,7 +195,7 @@ impl Cockpit {
         self.steer(client, now);
         if self.left(now) == Some(Duration::ZERO) {
             let patience = self.attention.map_or(0, |attention| attention.patience.as_secs());
-            self.abandon(&format!("no key for {patience} s"), client, now);
+            self.abandon(&format!("no key, touch or stick for {patience} s"), client, now);
         }
     }
 

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use self::drive::{Drive, DriveError, Ending, Extras};
 use super::address::RobotArgs;
@@ -16,6 +17,10 @@ use flix_shell::{Error, Exit};
 
 pub mod drive;
 
+/// Range of the time after which a robot rests without a sign of its operator.
+const SHORTEST_PATIENCE: Duration = Duration::from_secs(1);
+const LONGEST_PATIENCE: Duration = Duration::from_secs(3600);
+
 /// Options of driving by hand.
 #[derive(Debug, clap::Args)]
 pub struct ByHandArgs {
@@ -27,6 +32,9 @@ pub struct ByHandArgs {
     /// keys that repeat: one that is silent for 0.8 s is held no more.
     #[arg(long)]
     pub hold_to_run: bool,
+    /// Rest after so long without a key, touch or stick, 1 s to 1 h.
+    #[arg(long, value_name = "TIME", default_value = "30s", value_parser = patience)]
+    rest_after: Duration,
     /// Record the drive below OUT/runs; so does --foxglove.
     #[arg(long)]
     record: bool,
@@ -35,6 +43,16 @@ pub struct ByHandArgs {
     out: PathBuf,
     #[command(flatten)]
     stream: StreamArgs,
+}
+
+/// Reads how long a robot walks without a sign of its operator.
+fn patience(text: &str) -> Result<Duration, String> {
+    let time = flix_shell::time::duration(text)?;
+    if (SHORTEST_PATIENCE..=LONGEST_PATIENCE).contains(&time) {
+        Ok(time)
+    } else {
+        Err("name a time between 1s and 1h".to_owned())
+    }
 }
 
 impl ByHandArgs {
@@ -58,6 +76,8 @@ impl ByHandArgs {
             extras.recorder = Some(recorder);
         }
         let mut hand = Drive::new(&mut connection, &self.robot.robot, &mut extras);
+        let (cockpit, _, now) = hand.operate();
+        cockpit.be_attended(self.rest_after, now);
         let ended = match operate(&mut hand, &interrupt) {
             // A stop may be on its way when the operator leaves.
             Ok(ending)

@@ -1,11 +1,13 @@
 //! Converts keys to actions.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 use flix_host::teleop::action::{Action, DIRECTION_STEPS, FREQUENCY_STEPS};
 use flix_host::teleop::paper_modes::PaperMode;
+use flix_protocol::units::Instant as Moment;
 
 /// Returns the action of a key; releases and unknown keys have none.
 #[must_use]
@@ -120,6 +122,13 @@ const PAUSE: Duration = Duration::from_secs(1);
 const PASTE_PAUSE: Duration = Duration::from_secs(5);
 /// A program that did not look at its keys for longer stood still: what was typed meanwhile was for what it showed before.
 const STOOD_STILL: Duration = Duration::from_millis(250);
+/// A terminal that has answered before and does not within this time shows an old picture, and hands over old keys: its connection
+/// stands still.
+const UNANSWERED: Duration = Duration::from_secs(1);
+/// Questions whose answers may still come: of older ones none is expected any more.
+const MOST_QUESTIONS: usize = 128;
+/// Columns and rows of the places by which answers are told apart; the first row is left to F3, which some terminals report alike.
+const PLACES: [u16; 2] = [40, 10];
 /// What an answer of the terminal begins with, read as a key with Alt: ECMA-48's control strings DCS, SOS, OSC, PM, APC.
 const STRINGS: [KeyCode; 5] = [
     KeyCode::Char('P'),
@@ -136,6 +145,8 @@ pub enum Report {
     Key(KeyEvent),
     /// A key by kitty's protocol, whose release will be reported as well.
     Held(KeyEvent),
+    /// The terminal states this column and row of its cursor, from 1: it has shown what was drawn before [that place](Typing::ask).
+    Cursor([u16; 2]),
     /// Nobody looks: the focus is lost, or nobody is attached to tmux or screen.
     Unwatched,
     /// The focus is here again.
@@ -163,6 +174,8 @@ pub struct Typed {
     pub is_touched: bool,
     /// Whether nobody looks: the focus was lost, and neither a key nor the focus came since.
     pub is_unwatched: bool,
+    /// Time of a picture that the operator had on the screen before any of these keys; `None` where the terminal answers no question.
+    pub seen: Option<Moment>,
     /// Why a robot that walks has to rest, in words.
     pub doubt: Option<&'static str>,
     /// Keys that came in one go, or while the program stood still, and were dropped.
@@ -199,6 +212,22 @@ pub struct Typing {
     looked: Duration,
     /// Keys until then are too old. Those of a program that stood still are read shortly after it goes on.
     old_until: Duration,
+    /// Questions that the terminal has not answered, the oldest first.
+    asked: VecDeque<Question>,
+    /// Of the next question.
+    number: u16,
+    /// Time of the newest picture that the terminal has shown.
+    shown: Option<Moment>,
+}
+
+/// A question to the terminal that is not answered.
+#[derive(Debug, Clone, Copy)]
+struct Question {
+    at: Duration,
+    /// The place that the terminal will state.
+    place: [u16; 2],
+    /// Time of the picture before it.
+    picture: Moment,
 }
 
 impl Typing {
@@ -217,6 +246,36 @@ impl Typing {
             self.old_until = now + STOOD_STILL;
         }
         self.looked = now;
+    }
+
+    /// Returns the column and row, from 1, to which the cursor is to be set, at this time, before the terminal is asked where the cursor
+    /// is; `None` where the terminal is better not asked now. It answers once it has shown the picture of this moment, and its answers
+    /// stand among the keys in the order in which a person saw and typed.
+    pub fn ask(&mut self, now: Duration, picture: Moment) -> Option<[u16; 2]> {
+        let is_soon = |last: &Question| now.saturating_sub(last.at) < UNANSWERED;
+        if self.is_unanswered(now) && self.asked.back().is_some_and(is_soon) {
+            return None;
+        }
+        if self.asked.len() >= MOST_QUESTIONS {
+            self.asked.pop_front();
+        }
+        let [columns, rows] = PLACES;
+        self.number = (self.number + 1) % (columns * rows);
+        let place = [1 + self.number % columns, 2 + self.number / columns];
+        self.asked.push_back(Question { at: now, place, picture });
+        Some(place)
+    }
+
+    /// Returns whether the terminal still has to answer, and has answered before.
+    #[must_use]
+    pub fn is_answer_due(&self) -> bool {
+        self.shown.is_some() && !self.asked.is_empty()
+    }
+
+    /// Returns whether a terminal that answers has not for long.
+    fn is_unanswered(&self, now: Duration) -> bool {
+        let oldest = self.asked.front().filter(|_| self.shown.is_some());
+        oldest.is_some_and(|oldest| now.saturating_sub(oldest.at) > UNANSWERED)
     }
 
     /// Takes what a terminal reported at this time.
@@ -244,7 +303,8 @@ impl Typing {
                         !(self.holds && !is_held && matches!(action, Action::Walk(_)))
                     });
                 let is_answer = self.answers(at, key);
-                let is_old = at < self.old_until && action != Some(Action::Quit);
+                let is_late = at < self.old_until || self.is_unanswered(at);
+                let is_old = is_late && action != Some(Action::Quit);
                 // An accent may be the end of a sequence, as a tilde is of many.
                 let is_blank = matches!(key.code, KeyCode::Char(character) if is_blank(character));
                 let is_end = is_answer && action == Some(Action::Stop) && !is_blank;
@@ -270,6 +330,12 @@ impl Typing {
                 let wish = action.filter(|action| !is_calming(action));
                 self.together.push(wish.map(|action| (action, repeats)));
                 self.last = at;
+            }
+            Report::Cursor(place) => {
+                // Questions before that one are lost, with what was drawn then.
+                if let Some(index) = self.asked.iter().position(|asked| asked.place == place) {
+                    self.shown = self.asked.drain(..=index).last().map(|asked| asked.picture);
+                }
             }
             Report::Unwatched => {
                 // A key of before is no sign that somebody looks now.
@@ -324,8 +390,13 @@ impl Typing {
         if self.held.take_if(|(_, last)| now.saturating_sub(*last) > HELD).is_some() {
             self.ready.doubt = Some("the key of the walk repeats no more");
         }
+        if self.is_unanswered(now) {
+            self.ready.doubt = Some("the terminal does not answer");
+        }
         self.is_unwatched &= !self.ready.is_touched;
-        Typed { is_unwatched: self.is_unwatched, ..std::mem::take(&mut self.ready) }
+        // Of the keys to come, which were typed after that.
+        let ready = Typed { seen: self.shown, ..Typed::default() };
+        Typed { is_unwatched: self.is_unwatched, ..std::mem::replace(&mut self.ready, ready) }
     }
 
     /// Judges the keys that came together, once nothing followed for long enough.
@@ -394,6 +465,45 @@ mod tests {
     }
 
     #[test]
+    fn a_key_that_a_connection_held_back_does_nothing_but_calm() {
+        let moment = |time: u64| Moment::from_micros(time * 1_000);
+        let walks = |typed: &Typed| typed.actions == [Action::Walk(PaperMode::Forward)];
+        let mut typing = Typing::default();
+        let type_w = |typing: &mut Typing, at: u64| {
+            // The program never stood still.
+            (0..=at).step_by(100).for_each(|time| typing.look(ms(time)));
+            typing.report(ms(at), key(KeyCode::Char('w')));
+            typing.take(ms(at) + APART)
+        };
+        // A terminal that never answers is taken as it is.
+        let first = typing.ask(ms(100), moment(100)).unwrap();
+        assert!(walks(&type_w(&mut typing, 200)) && walks(&type_w(&mut typing, 3_000)));
+        typing.report(ms(3_010), Report::Cursor(first));
+        assert_eq!(typing.take(ms(3_020)).seen, None);
+        // One whose connection stands still is asked seldom, and what it hands over then is old.
+        let asked: Vec<_> =
+            (3_100..8_000).step_by(33).map(|at| typing.ask(ms(at), moment(at))).collect();
+        let places: Vec<_> = asked.iter().flatten().collect();
+        assert!((30..40).contains(&places.len()), "{}", places.len());
+        let old = type_w(&mut typing, 8_000);
+        assert_eq!((old.seen, old.dropped, &old.actions[..]), (Some(moment(100)), 1, &[][..]));
+        assert_eq!(old.doubt, Some("the terminal does not answer"));
+        for (character, action) in [('s', Action::Rest), (' ', Action::Stop)] {
+            typing.report(ms(8_100), key(KeyCode::Char(character)));
+            assert_eq!(typing.take(ms(8_150)).actions, [action]);
+        }
+        // Whatever it has lost, the answer to the newest question makes it new.
+        typing.report(ms(8_200), Report::Cursor(*places[3]));
+        assert_eq!(type_w(&mut typing, 8_300).dropped, 1);
+        typing.report(ms(8_310), Report::Cursor(**places.last().unwrap()));
+        assert!(!typing.is_answer_due());
+        typing.report(ms(8_320), Report::Cursor([3, 3]));
+        let new = type_w(&mut typing, 8_500);
+        assert!(walks(&new) && new.doubt.is_none(), "{new:?}");
+        assert!(type_w(&mut typing, 8_700).seen > Some(moment(7_000)));
+    }
+
+    #[test]
     fn nobody_looks_from_a_lost_focus_until_it_comes_back_or_a_key_is_typed() {
         let mut typing = Typing::default();
         let is_unwatched = |typing: &mut Typing, at, report| {
@@ -417,7 +527,7 @@ mod tests {
         assert_eq!(typed.actions, [walk(PaperMode::Forward), walk(PaperMode::StrafeLeft)]);
         assert!(typed.is_touched && typed.dropped == 0);
         let text = type_text(&mut Typing::default(), "flix-walker", ms(0));
-        let doubt = text.doubt;
+        let doubt = Some("a key was pressed that does nothing");
         assert_eq!(text, Typed { dropped: 11, doubt, ..Typed::default() });
         assert!(doubt.is_some());
         // A slow network hands over some keys together: they may change a walk, and begin none.

@@ -9,15 +9,10 @@ pub(crate) mod terminal;
 pub mod view;
 
 use std::process::ExitCode;
-use std::time::Duration;
 
 use self::screen::ScreenError;
 use super::by_hand::ByHandArgs;
 use flix_shell::Error;
-
-/// Range of the time after which a robot rests without a key.
-const SHORTEST_PATIENCE: Duration = Duration::from_secs(1);
-const LONGEST_PATIENCE: Duration = Duration::from_secs(3600);
 
 /// Drive with the keyboard, and show the state of the robot.
 ///
@@ -42,19 +37,6 @@ With poses (--pose natnet or --pose udp:PORT), which also show a map:
 pub struct Args {
     #[command(flatten)]
     by_hand: ByHandArgs,
-    /// Rest after so long without a key, 1 s to 1 h.
-    #[arg(long, value_name = "TIME", default_value = "30s", value_parser = patience)]
-    rest_after: Duration,
-}
-
-/// Reads how long a robot walks without a key.
-fn patience(text: &str) -> Result<Duration, String> {
-    let time = flix_shell::time::duration(text)?;
-    if (SHORTEST_PATIENCE..=LONGEST_PATIENCE).contains(&time) {
-        Ok(time)
-    } else {
-        Err("name a time between 1s and 1h".to_owned())
-    }
 }
 
 /// Drives until the operator leaves.
@@ -63,9 +45,7 @@ fn patience(text: &str) -> Result<Duration, String> {
 /// When there is no terminal, the robot cannot be reached, or the program is interrupted.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let holds = args.by_hand.hold_to_run;
-    args.by_hand.drive("teleop", |drive, interrupt| {
-        Ok(screen::run(drive, interrupt, args.rest_after, holds)?)
-    })
+    args.by_hand.drive("teleop", |drive, interrupt| Ok(screen::run(drive, interrupt, holds)?))
 }
 
 impl From<ScreenError> for Error {

@@ -16,6 +16,8 @@ use flix_protocol::units::Instant as Moment;
 const KEY_LATENCY: Duration = Duration::from_millis(10);
 /// Interval of the pictures: 30 per second are smooth, and few enough for SSH.
 const FRAME: Duration = Duration::from_millis(33);
+/// Longest time for which answers of the terminal are awaited at the end.
+const LAST_ANSWERS: Duration = Duration::from_millis(300);
 
 /// Why driving by hand failed.
 #[derive(Debug, thiserror::Error)]
@@ -38,16 +40,11 @@ pub enum ScreenError {
 }
 
 /// Drives by hand until the operator leaves. Restores the terminal at the end, also after errors and
-/// panics. A robot that walks rests after `patience` without a key; if it `holds`, when its key is released.
+/// panics. If the robot `holds`, it rests when the key of its walk is released.
 ///
 /// # Errors
 /// When there is no terminal, or the network fails.
-pub fn run(
-    drive: &mut Drive,
-    interrupt: &Interrupt,
-    patience: Duration,
-    holds: bool,
-) -> Result<Ending, ScreenError> {
+pub fn run(drive: &mut Drive, interrupt: &Interrupt, holds: bool) -> Result<Ending, ScreenError> {
     if !(io::stdin().is_terminal() && io::stdout().is_terminal()) {
         return Err(ScreenError::NoTerminal);
     }
@@ -55,12 +52,30 @@ pub fn run(
         io::ErrorKind::Unsupported => ScreenError::NoReleases,
         _ => ScreenError::Terminal(error),
     })?;
+    let ending = operate(drive, &mut screen, interrupt)?;
+    // Whoever leaves waits for nothing, but for answers of the terminal: they are not for the shell.
+    let (_, client, now) = drive.operate();
+    match ending {
+        Ending::Quit => client.disarm(now),
+        Ending::Interrupted => client.stop(now),
+    }
+    let left = Instant::now();
+    while screen.is_answer_due() && left.elapsed() < LAST_ANSWERS {
+        drive.step(KEY_LATENCY)?;
+        let _ = screen.typed();
+    }
+    Ok(ending)
+}
+
+fn operate(
+    drive: &mut Drive<'_>,
+    screen: &mut Screen,
+    interrupt: &Interrupt,
+) -> Result<Ending, ScreenError> {
     let mut drawn = None::<Instant>;
     let mut gamepads = Gamepads::open();
-    let (cockpit, _, now) = drive.operate();
-    cockpit.be_attended(patience, now);
-    // Time of the picture on the screen: none yet.
-    let mut seen = Moment::START;
+    // Time of the picture that was drawn last: none yet.
+    let mut drawn_at = Moment::START;
     loop {
         drive.step(KEY_LATENCY)?;
         if interrupt.is_raised() || is_closed() {
@@ -68,6 +83,7 @@ pub fn run(
         }
         let (cockpit, client, now) = drive.operate();
         let typed = screen.typed();
+        let seen = typed.seen.unwrap_or(drawn_at);
         if typed.is_touched || gamepads.is_touched() {
             cockpit.attend(now);
         }
@@ -94,10 +110,11 @@ pub fn run(
         if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
             cockpit.tick(client, now);
-            if screen.draw(|frame| view::draw(frame, cockpit)).is_err() {
+            let shown = screen.draw(|frame| view::draw(frame, cockpit));
+            if shown.and_then(|()| screen.ask(now)).is_err() {
                 return Ok(Ending::Interrupted);
             }
-            seen = now;
+            drawn_at = now;
         }
     }
 }

@@ -3,7 +3,7 @@
 //! A control sequence goes from its introducer to its final byte (ECMA-48, 5.4), a control string to its terminator (5.6),
 //! pasted text from `CSI 200 ~` to `CSI 201 ~` (xterm's control sequences, mode 2004). Each may come in pieces, and its end may
 //! be lost: whatever has none after 0.2 s is reported as [broken off](Report::BrokenOff), and its bytes as the keys that they
-//! may be, since a space bar may be among them. An introducer may be one byte (5.3), where that byte is no part of a character
+//! may be, since a space bar may be among them; so is one within which another begins. An introducer may be one byte (5.3), where that byte is no part of a character
 //! in UTF-8.
 
 use std::borrow::Cow;
@@ -84,7 +84,10 @@ impl Sequences {
             }
             let Some(length) = length(&self.pending) else { return };
             let sequence: Vec<u8> = self.pending.drain(..length).collect();
-            reports.extend(report(&sequence));
+            reports.extend(match is_whole(&sequence) {
+                true => report(&sequence),
+                false => Some(Report::BrokenOff { is_paste: false }),
+            });
             self.since = at;
         }
     }
@@ -142,6 +145,16 @@ fn control_string(bytes: &[u8]) -> Option<usize> {
     }
 }
 
+/// Returns whether nothing is missing of a control sequence or a key that begins as one: another sequence may have begun within it.
+fn is_whole(sequence: &[u8]) -> bool {
+    match sequence {
+        [ESCAPE, b'[', b'M' | b'[', ..] => true,
+        [ESCAPE, b'[', .., last] => (b'@'..=b'~').contains(last),
+        [ESCAPE, b'[' | b'O'] => false,
+        _ => true,
+    }
+}
+
 /// Returns the length of the character that bytes begin with; 1 or more also where they are none.
 fn character(bytes: &[u8]) -> Option<usize> {
     let valid = match std::str::from_utf8(bytes) {
@@ -189,8 +202,12 @@ fn report(sequence: &[u8]) -> Option<Report> {
         [ESCAPE, b'[', rest @ ..] if rest.starts_with(PASTE.0) || rest == b"201~" => {
             return Some(Report::Text);
         }
-        // With R also F3 and modifiers: nothing is at that key.
-        [ESCAPE, b'[', .., b'm' | b'M' | b'R'] => return None,
+        [ESCAPE, b'[', .., b'm' | b'M'] => return None,
+        // Also F3 with modifiers: nothing is at that key.
+        [ESCAPE, b'[', place @ .., b'R'] => {
+            let (row, column) = std::str::from_utf8(place).ok()?.split_once(';')?;
+            return Some(Report::Cursor([column.parse().ok()?, row.parse().ok()?]));
+        }
         [ESCAPE, b'P' | b'X' | b']' | b'^' | b'_' | b'\\', ..] => return Some(Report::Text),
         // Where `stty erase` is Ctrl-H, and the key Delete of st.
         [BACKSPACE] => return Some(Report::Key(KeyCode::Backspace.into())),
@@ -268,7 +285,7 @@ mod tests {
             // Its name, a colour, and both ends of a string; where the cursor is.
             ("\u{1b}P>|WezTerm 20240203 w\u{1b}\\", Some(Report::Text)),
             ("\u{1b}]11;rgb:dcd/dcd/dcd\u{7}", Some(Report::Text)),
-            ("\u{1b}[24;80R", None),
+            ("\u{1b}[24;80R", Some(Report::Cursor([80, 24]))),
             ("\u{1b}[<64;40;12M", None),
             ("\u{1b}[<0;0;0m", None),
             ("\u{1b}[32;0;0M", None),

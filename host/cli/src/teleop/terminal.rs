@@ -7,11 +7,12 @@
 //! end is lost swallows no key, see [`Sequences`]. Ctrl-C is left to the terminal's driver, which makes a signal of it before
 //! any of that is read.
 
-use std::io::{self, IsTerminal};
+use std::io::{self, IsTerminal, Write};
 use std::sync::Once;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
+use flix_protocol::units::Instant as Moment;
 use ratatui::crossterm::event::{
     DisableBracketedPaste, DisableFocusChange, DisableMouseCapture, EnableBracketedPaste,
     EnableFocusChange, EnableMouseCapture, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
@@ -84,6 +85,24 @@ impl Screen {
             || Err(io::ErrorKind::BrokenPipe.into()),
             |terminal| terminal.draw(draw).map(drop),
         )
+    }
+
+    /// Asks the terminal to answer once it has shown the picture of this moment. A system that makes events of the bytes has no
+    /// answer among them.
+    pub(crate) fn ask(&mut self, picture: Moment) -> io::Result<()> {
+        if cfg!(unix)
+            && let Some([column, row]) = self.typing.ask(self.start.elapsed(), picture)
+        {
+            // CUP, then DSR (ECMA-48, 8.3.21 and 8.3.35).
+            write!(io::stdout(), "\x1b[{row};{column}H\x1b[6n")?;
+            io::stdout().flush()?;
+        }
+        Ok(())
+    }
+
+    /// Returns whether an answer is on its way, which whoever reads the terminal next would find.
+    pub(crate) fn is_answer_due(&self) -> bool {
+        self.typing.is_answer_due()
     }
 
     /// Returns what was typed since the last call. Never waits.

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! {"seen":1200}                            sees the snapshot of that stamp, ms
+//! {"seen":1200,"do":"attend"}              its operator has touched it since the last message
 //! {"seen":1200,"do":"stop","press":7}      stops; said once more, it is the same press of a button
 //! {"seen":1200,"do":"arm"}                 stop, arm, disarm, clear, rest, hold_heading, drive
 //! {"seen":1200,"do":{"walk":"left turn"}}  a mode by its name
@@ -36,6 +37,8 @@ pub struct Message {
 pub enum Request {
     /// To become the page that drives.
     Drive,
+    /// Nothing: the operator is there.
+    Attend,
     /// An action, neither [`Action::Quit`] nor [`Action::Interrupt`].
     Act(Action),
     /// To see the settings.
@@ -67,6 +70,7 @@ enum Word {
     Rest,
     HoldHeading,
     Drive,
+    Attend,
     Settings,
     Save,
     Set(Name, f32),
@@ -90,6 +94,7 @@ fn request(word: &Word) -> Option<Request> {
     let within = |step: f32, [coarse, _]: [f32; 2]| (step.abs() <= coarse).then_some(step);
     Some(Request::Act(match word {
         Word::Drive => return Some(Request::Drive),
+        Word::Attend => return Some(Request::Attend),
         Word::Settings => return Some(Request::Settings),
         Word::Save => return Some(Request::Save),
         Word::Scope(channels, when) => {

@@ -101,6 +101,17 @@ function act(request, event) {
   send(request);
 }
 
+// ---- a sign of the operator who says nothing else: a robot that walks rests without any
+const ATTEND_MS = 1000, COUNTED_S = 15;
+let attendedAt;
+function attend() {
+  const now = performance.now();
+  if (!drives() || now - attendedAt < ATTEND_MS) return;
+  attendedAt = now;
+  send("attend");
+}
+for (const kind of ["keydown", "pointerdown", "pointermove", "wheel"]) addEventListener(kind, attend, { passive: true });
+
 // ---- a walk that is held: it ends when what began it, a key or a pointer, is released
 // A key may be released without a word, as from a keyboard whose radio is lost: it has to repeat, or another one that is pressed
 // meanwhile, in whose place it repeats no more.
@@ -119,7 +130,10 @@ function letGo(by) {
   heldBy = undefined;
   send("rest");
 }
-function watchHeld() { if (typeof heldBy === "string" && performance.now() - heardAt > patience) letGo(); }
+function watchHeld() {
+  if (heldBy !== undefined) attend();
+  if (typeof heldBy === "string" && performance.now() - heardAt > patience) letGo();
+}
 addEventListener("keyup", (event) => { hear(false); letGo(event.code); });
 addEventListener("keydown", (event) => {
   // While this key is down a Mac does not say that another is released.
@@ -368,7 +382,10 @@ function readGamepad(gamepad, now) {
   if (hand.mode !== undefined && now - hand.since > SETTLED_MS && !isWanted()) release(hand);
   // One whose radio is lost may show for ever what it showed last.
   const shown = JSON.stringify([gamepad.axes, gamepad.buttons]);
-  if (shown !== hand.shown) Object.assign(hand, { shown, changed: now });
+  if (shown !== hand.shown) {
+    if (hand.shown) attend();
+    Object.assign(hand, { shown, changed: now });
+  }
   if (hand.mode !== undefined && now - hand.changed > UNTOUCHED_MS) release(hand);
   if (isNeutral(gamepad)) hand.neutral = true;
   if (!hand.neutral) return "let go of stick and buttons first";
@@ -574,7 +591,7 @@ function drawWords(gamepad) {
   write("battery", telemetry ? (telemetry.battery === null ? "not measured" : `${figure(telemetry.battery, 1)} V`) : "–");
   write("quality", link?.round_trip_ms != null ? `${figure(link.round_trip_ms, 1)} ms, ${figure(100 * link.loss, 0)} % lost` : "–");
   write("gamepad", gamepad);
-  write("note", [failed && `${failed} failed in this browser`, remark && performance.now() - remark.at < REMARKED_MS && remark.text, snapshot?.is_unrecorded && "not recorded any more", snapshot && !snapshot.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
+  write("note", [failed && `${failed} failed in this browser`, remark && performance.now() - remark.at < REMARKED_MS && remark.text, snapshot?.rests_in_s && snapshot.rests_in_s <= COUNTED_S && `rests in ${snapshot.rests_in_s} s unless you touch a key or the page`, snapshot?.is_unrecorded && "not recorded any more", snapshot && !snapshot.floor && "no poses: drawn where it stands (--pose)", snapshot?.slow_motion && "rotors 30 times slower", snapshot?.pages > 1 && `${snapshot.pages} pages open`].filter(Boolean).join(" · "));
   const log = snapshot?.log ?? [];
   const lines = log.map((line) => `${line.at.toFixed(1)} s  ${line.text}`).reverse();
   if (byId("log").dataset.lines !== lines.join("\n")) {
@@ -588,7 +605,15 @@ function drawWords(gamepad) {
   }
 }
 
-let written = 0, gamepad = "none";
+let written = 0, areWritten = false, newest, gamepad = "none";
+// What an operator has to know before he begins or clears anything is written in the frame that draws it.
+function isNews() {
+  const { telemetry, stopping } = snapshot ?? {};
+  const news = JSON.stringify([telemetry?.state, telemetry?.stopped, telemetry?.faults, stopping]);
+  if (news === newest) return false;
+  newest = news;
+  return true;
+}
 function draw(now) {
   requestAnimationFrame(draw);
   watchConnection();
@@ -600,18 +625,17 @@ function draw(now) {
     while (history[0].stamp < stamp - HISTORY_MS) history.shift();
   }
   attempt("the picture", () => { if (!scene) openScene(); drawScene(); });
-  let isShown = true;
-  if (now - written >= WORDS_MS) {
+  if (isNews() || now - written >= WORDS_MS) {
     written = now;
-    isShown = false;
-    attempt("the words", () => { drawWords(gamepad); isShown = true; });
+    areWritten = false;
+    attempt("the words", () => { drawWords(gamepad); areWritten = true; });
     attempt("the charts", () => {
       chart("f-chart", (one) => one.f, (one) => one.wanted[0], 10);
       chart("theta-chart", (one) => (turns(one.f) ? one.theta : undefined), (one) => one.wanted[1], 20);
     });
   }
   // An operator who does not see how the robot is drives none.
-  if (snapshot && isShown) shown = snapshot.stamp;
+  if (snapshot && areWritten) shown = snapshot.stamp;
 }
 connect();
 requestAnimationFrame(draw);

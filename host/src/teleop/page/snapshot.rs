@@ -96,6 +96,7 @@ pub fn snapshot(cockpit: &Cockpit, pages: &Pages, now: Instant) -> Value {
         "robot": cockpit.identity.as_ref().map_or(cockpit.robot.as_str(), |it| it.name.as_str()),
         "link": link(cockpit),
         "wanted": [cockpit.setpoint.frequency().get(), cockpit.setpoint.direction().get()],
+        "rests_in_s": cockpit.walks_for().map(|left| left.as_secs() + 1),
         "stopping": cockpit.is_stopping,
         "presses": pages.presses(),
         "is_unrecorded": cockpit.is_unrecorded,
