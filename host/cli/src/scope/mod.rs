@@ -278,6 +278,10 @@ impl Driven<'_> {
                 _ => {}
             }
         }
+        if self.is_left && drives {
+            let (client, now) = self.connection.operate();
+            client.disarm(now);
+        }
         Ok(())
     }
 
@@ -303,7 +307,7 @@ impl Driven<'_> {
     /// Fails where the walk has ended, unless by the fault that is waited for.
     fn check_walk(&self) -> Result<(), Error> {
         let client = self.connection.client();
-        if self.setpoint.is_none() || client.held() == self.setpoint {
+        if self.is_left || self.setpoint.is_none() || client.held() == self.setpoint {
             return Ok(());
         }
         let shown = client.telemetry().copied().map(Update::Telemetry);

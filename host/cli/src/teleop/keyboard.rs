@@ -127,7 +127,8 @@ const STOOD_STILL: Duration = Duration::from_millis(250);
 const UNANSWERED: Duration = Duration::from_secs(1);
 /// Questions whose answers may still come: of older ones none is expected any more.
 const MOST_QUESTIONS: usize = 128;
-/// Columns and rows of the places by which answers are told apart; the first row is left to F3, which some terminals report alike.
+/// Most columns and rows of the places by which answers are told apart, from the second row on: some terminals report F3 as a place
+/// in the first one.
 const PLACES: [u16; 2] = [40, 10];
 /// What an answer of the terminal begins with, read as a key with Alt: ECMA-48's control strings DCS, SOS, OSC, PM, APC.
 const STRINGS: [KeyCode; 5] = [
@@ -249,9 +250,21 @@ impl Typing {
     }
 
     /// Returns the column and row, from 1, to which the cursor is to be set, at this time, before the terminal is asked where the cursor
-    /// is; `None` where the terminal is better not asked now. It answers once it has shown the picture of this moment, and its answers
-    /// stand among the keys in the order in which a person saw and typed.
-    pub fn ask(&mut self, now: Duration, picture: Moment) -> Option<[u16; 2]> {
+    /// is; `None` where the terminal, of so many columns and rows, is better not asked now. It answers once it has shown the picture
+    /// of this moment, and its answers stand among the keys in the order in which a person saw and typed.
+    pub fn ask(
+        &mut self,
+        now: Duration,
+        picture: Moment,
+        [columns, rows]: [u16; 2],
+    ) -> Option<[u16; 2]> {
+        let columns = columns.min(PLACES[0]);
+        let places = columns * rows.saturating_sub(1).min(PLACES[1]);
+        if usize::from(places) < MOST_QUESTIONS {
+            // Too small for as many answers to be told apart.
+            (self.shown, self.asked) = (None, VecDeque::new());
+            return None;
+        }
         let is_soon = |last: &Question| now.saturating_sub(last.at) < UNANSWERED;
         if self.is_unanswered(now) && self.asked.back().is_some_and(is_soon) {
             return None;
@@ -259,17 +272,16 @@ impl Typing {
         if self.asked.len() >= MOST_QUESTIONS {
             self.asked.pop_front();
         }
-        let [columns, rows] = PLACES;
-        self.number = (self.number + 1) % (columns * rows);
+        self.number = (self.number + 1) % places;
         let place = [1 + self.number % columns, 2 + self.number / columns];
         self.asked.push_back(Question { at: now, place, picture });
         Some(place)
     }
 
-    /// Returns whether the terminal still has to answer, and has answered before.
+    /// Returns whether an answer of the terminal may still come in time.
     #[must_use]
-    pub fn is_answer_due(&self) -> bool {
-        self.shown.is_some() && !self.asked.is_empty()
+    pub fn is_answer_due(&self, now: Duration) -> bool {
+        self.asked.front().is_some_and(|oldest| now.saturating_sub(oldest.at) <= UNANSWERED)
     }
 
     /// Returns whether a terminal that answers has not for long.
@@ -394,8 +406,9 @@ impl Typing {
             self.ready.doubt = Some("the terminal does not answer");
         }
         self.is_unwatched &= !self.ready.is_touched;
-        // Of the keys to come, which were typed after that.
-        let ready = Typed { seen: self.shown, ..Typed::default() };
+        // Of the keys to come: some of them may have been typed before the newest answer, and are not judged yet.
+        let seen = if self.together.is_empty() { self.shown } else { self.ready.seen };
+        let ready = Typed { seen, ..Typed::default() };
         Typed { is_unwatched: self.is_unwatched, ..std::mem::replace(&mut self.ready, ready) }
     }
 
@@ -456,6 +469,8 @@ mod tests {
         Duration::from_millis(time)
     }
 
+    const SIZE: [u16; 2] = [80, 24];
+
     /// Reports keys of a text, so long apart.
     fn type_text(typing: &mut Typing, text: &str, apart: Duration) -> Typed {
         for (index, character) in (0..).zip(text.chars()) {
@@ -476,13 +491,13 @@ mod tests {
             typing.take(ms(at) + APART)
         };
         // A terminal that never answers is taken as it is.
-        let first = typing.ask(ms(100), moment(100)).unwrap();
+        let first = typing.ask(ms(100), moment(100), SIZE).unwrap();
         assert!(walks(&type_w(&mut typing, 200)) && walks(&type_w(&mut typing, 3_000)));
         typing.report(ms(3_010), Report::Cursor(first));
         assert_eq!(typing.take(ms(3_020)).seen, None);
         // One whose connection stands still is asked seldom, and what it hands over then is old.
         let asked: Vec<_> =
-            (3_100..8_000).step_by(33).map(|at| typing.ask(ms(at), moment(at))).collect();
+            (3_100..8_000).step_by(33).map(|at| typing.ask(ms(at), moment(at), SIZE)).collect();
         let places: Vec<_> = asked.iter().flatten().collect();
         assert!((30..40).contains(&places.len()), "{}", places.len());
         let old = type_w(&mut typing, 8_000);
@@ -496,11 +511,23 @@ mod tests {
         typing.report(ms(8_200), Report::Cursor(*places[3]));
         assert_eq!(type_w(&mut typing, 8_300).dropped, 1);
         typing.report(ms(8_310), Report::Cursor(**places.last().unwrap()));
-        assert!(!typing.is_answer_due());
+        assert!(!typing.is_answer_due(ms(8_310)));
         typing.report(ms(8_320), Report::Cursor([3, 3]));
         let new = type_w(&mut typing, 8_500);
         assert!(walks(&new) && new.doubt.is_none(), "{new:?}");
         assert!(type_w(&mut typing, 8_700).seen > Some(moment(7_000)));
+        // Who typed before an answer came has not seen its picture.
+        let place = typing.ask(ms(8_800), moment(8_800), SIZE).unwrap();
+        typing.report(ms(8_900), key(KeyCode::Enter));
+        typing.report(ms(8_900), Report::Cursor(place));
+        assert_eq!(typing.take(ms(8_901)).actions, []);
+        let entered = typing.take(ms(8_910));
+        assert_eq!(entered.actions, [Action::Arm]);
+        assert!(entered.seen < Some(moment(8_800)));
+        assert_eq!(typing.take(ms(8_950)).seen, Some(moment(8_800)));
+        // A window that is too small to tell answers apart is not asked.
+        assert_eq!(typing.ask(ms(9_000), moment(9_000), [80, 4]), None);
+        assert!(typing.ask(ms(9_000), moment(9_000), [80, 8]).unwrap()[1] <= 8);
     }
 
     #[test]

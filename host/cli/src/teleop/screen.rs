@@ -16,8 +16,6 @@ use flix_protocol::units::Instant as Moment;
 const KEY_LATENCY: Duration = Duration::from_millis(10);
 /// Interval of the pictures: 30 per second are smooth, and few enough for SSH.
 const FRAME: Duration = Duration::from_millis(33);
-/// Longest time for which answers of the terminal are awaited at the end.
-const LAST_ANSWERS: Duration = Duration::from_millis(300);
 
 /// Why driving by hand failed.
 #[derive(Debug, thiserror::Error)]
@@ -52,19 +50,27 @@ pub fn run(drive: &mut Drive, interrupt: &Interrupt, holds: bool) -> Result<Endi
         io::ErrorKind::Unsupported => ScreenError::NoReleases,
         _ => ScreenError::Terminal(error),
     })?;
-    let ending = operate(drive, &mut screen, interrupt)?;
-    // Whoever leaves waits for nothing, but for answers of the terminal: they are not for the shell.
+    let mut ending = operate(drive, &mut screen, interrupt)?;
+    calm(drive, ending);
+    // The robot comes to rest while the last answers of the terminal come: they are not for the shell. Why a link fails now is said
+    // by whoever stops or disarms the robot.
+    while screen.is_answer_due() && !is_closed() && drive.step(KEY_LATENCY).is_ok() {
+        let stops = |it: &Action| matches!(it, Action::Stop | Action::Interrupt);
+        let typed = screen.typed();
+        if ending == Ending::Quit && typed.actions.iter().any(stops) {
+            ending = Ending::Interrupted;
+            calm(drive, ending);
+        }
+    }
+    Ok(ending)
+}
+
+fn calm(drive: &mut Drive<'_>, ending: Ending) {
     let (_, client, now) = drive.operate();
     match ending {
         Ending::Quit => client.disarm(now),
         Ending::Interrupted => client.stop(now),
     }
-    let left = Instant::now();
-    while screen.is_answer_due() && left.elapsed() < LAST_ANSWERS {
-        drive.step(KEY_LATENCY)?;
-        let _ = screen.typed();
-    }
-    Ok(ending)
 }
 
 fn operate(

@@ -90,8 +90,10 @@ impl Screen {
     /// Asks the terminal to answer once it has shown the picture of this moment. A system that makes events of the bytes has no
     /// answer among them.
     pub(crate) fn ask(&mut self, picture: Moment) -> io::Result<()> {
+        let (columns, rows) = terminal::size()?;
+        let now = self.start.elapsed();
         if cfg!(unix)
-            && let Some([column, row]) = self.typing.ask(self.start.elapsed(), picture)
+            && let Some([column, row]) = self.typing.ask(now, picture, [columns, rows])
         {
             // CUP, then DSR (ECMA-48, 8.3.21 and 8.3.35).
             write!(io::stdout(), "\x1b[{row};{column}H\x1b[6n")?;
@@ -102,7 +104,7 @@ impl Screen {
 
     /// Returns whether an answer is on its way, which whoever reads the terminal next would find.
     pub(crate) fn is_answer_due(&self) -> bool {
-        self.typing.is_answer_due()
+        self.typing.is_answer_due(self.start.elapsed())
     }
 
     /// Returns what was typed since the last call. Never waits.

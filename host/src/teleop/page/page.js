@@ -102,7 +102,7 @@ function act(request, event) {
 }
 
 // ---- a sign of the operator who says nothing else: a robot that walks rests without any
-const ATTEND_MS = 1000, COUNTED_S = 15;
+const ATTEND_MS = 250, COUNTED_S = 15;
 let attendedAt;
 function attend() {
   const now = performance.now();
@@ -110,7 +110,9 @@ function attend() {
   attendedAt = now;
   send("attend");
 }
-for (const kind of ["keydown", "pointerdown", "pointermove", "wheel"]) addEventListener(kind, attend, { passive: true });
+for (const kind of ["pointerdown", "pointermove", "wheel"]) addEventListener(kind, attend, { passive: true });
+// Something may lie on a key: one that repeats counts where it is that of a walk.
+addEventListener("keydown", (event) => { if (!event.repeat || keyed(event)?.walk) attend(); });
 
 // ---- a walk that is held: it ends when what began it, a key or a pointer, is released
 // A key may be released without a word, as from a keyboard whose radio is lost: it has to repeat, or another one that is pressed
@@ -383,7 +385,7 @@ function readGamepad(gamepad, now) {
   // One whose radio is lost may show for ever what it showed last.
   const shown = JSON.stringify([gamepad.axes, gamepad.buttons]);
   if (shown !== hand.shown) {
-    if (hand.shown) attend();
+    if (hand.mode !== undefined) attend();
     Object.assign(hand, { shown, changed: now });
   }
   if (hand.mode !== undefined && now - hand.changed > UNTOUCHED_MS) release(hand);
