@@ -197,19 +197,22 @@ impl Desk<'_> {
         let mut press = |key| keys.write_all(&[key]).map_err(system("terminal of `flix teleop`"));
         self.until(|_| shown.try_recv().is_ok())?;
         let from = self.live.rig.serial.len();
-        press(ARM)?;
-        self.until_log(from, ARMED)?;
+        // Pressed again, as people do: `flix` arms once the robot has stated how it is, and takes a mode once it has heard that the
+        // robot is armed. A terminal that is gone is a mode that is never reached.
+        let mut due = self.live.rig.chip.now();
+        let mut press_again = |key, now| {
+            if now >= due {
+                due = now + PRESS_AGAIN;
+                let _ = press(key);
+            }
+        };
+        self.until(|live| {
+            press_again(ARM, live.rig.chip.now());
+            has_logged(live, from, ARMED)
+        })?;
         for (pair, key) in PaperMode::ALL.map(PaperMode::pair).into_iter().zip(MODE_KEYS) {
             self.watch(pair, times)?;
-            let mut due = self.live.rig.chip.now();
-            self.measure(pair, |now| {
-                // Pressed again, as people do: `flix` takes a mode once it has heard that the robot is armed. A terminal that
-                // is gone is a mode that is never reached.
-                if now >= due {
-                    due += PRESS_AGAIN;
-                    let _ = press(key);
-                }
-            })?;
+            self.measure(pair, |now| press_again(key, now))?;
         }
         press(LEAVE)?;
         self.end(format!("teleop {ROBOT}"), child, DONE)?;
@@ -332,7 +335,7 @@ impl Desk<'_> {
 
     /// Goes on until the robot's log says `text` after its first `from` bytes.
     fn until_log(&mut self, from: usize, text: &str) -> Result<(), JourneyError> {
-        self.until(|live| String::from_utf8_lossy(&live.rig.serial[from..]).contains(text))
+        self.until(|live| has_logged(live, from, text))
     }
 
     /// Lets `flix` do something over the network, and returns the JSON that it prints, if it does.
@@ -434,6 +437,10 @@ impl Desk<'_> {
     fn fail(&mut self, failure: String) {
         self.journey.failures.push(failure);
     }
+}
+
+fn has_logged(live: &Live, from: usize, text: &str) -> bool {
+    String::from_utf8_lossy(&live.rig.serial[from..]).contains(text)
 }
 
 fn system(what: impl ToString) -> impl FnOnce(std::io::Error) -> JourneyError {
