@@ -346,7 +346,7 @@ impl Typing {
             Report::Cursor(place) => {
                 // Questions before that one are lost, with what was drawn then.
                 if let Some(index) = self.asked.iter().position(|asked| asked.place == place) {
-                    self.shown = self.asked.drain(..=index).last().map(|asked| asked.picture);
+                    self.shown = self.asked.drain(..=index).next_back().map(|asked| asked.picture);
                 }
             }
             Report::Unwatched => {

@@ -149,12 +149,8 @@ impl Pages {
         }
         let was_heard = message.press.is_some_and(|press| self.presses.contains(&press));
         match message.request {
-            None => {}
-            Some(Request::Attend) => {
-                if drives && is_fresh {
-                    cockpit.attend(now);
-                }
-            }
+            Some(Request::Attend) if drives && is_fresh => cockpit.attend(now),
+            None | Some(Request::Attend) => {}
             // Who asks again, since nobody has said that it was heard, stops nothing that was cleared meanwhile.
             Some(Request::Act(Action::Stop)) if was_heard => {}
             Some(Request::Act(Action::Stop)) => {
