@@ -790,7 +790,7 @@ struct Desk {
     master: std::fs::File,
     /// The private modes that the program has set.
     modes: std::sync::Arc<std::sync::Mutex<std::collections::BTreeSet<u32>>>,
-    /// Whether what it draws, and what it answers, comes through.
+    /// Whether the terminal receives questions of the program and answers them.
     is_connected: std::sync::Arc<std::sync::atomic::AtomicBool>,
     reader: std::thread::JoinHandle<()>,
 }

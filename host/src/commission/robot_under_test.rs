@@ -440,8 +440,8 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
     }
 
     /// Returns what both motors showed in ramps between two frequencies, Hz, at so many Hz/s, and while nothing changed before and
-    /// after them. Where the bus is not measured only ramps up count: on the way down d currents burn what the rotors lose. A motor
-    /// takes `per_hertz`, A s, for each hertz, or more.
+    /// after them. On a board that does not measure its bus, only ramps up count: d currents burn the energy of rotors that slow down.
+    /// A motor takes at least the charge `per_hertz`, A s, for each hertz.
     pub(super) fn ramps(
         &mut self,
         [slow, fast]: [f64; 2],

@@ -41,7 +41,8 @@ const TURNING_TICKS: u16 = 3_300;
 /// Ticks between jumps of the field that a rotor swings after, and in all.
 const SWING_TICKS: u16 = 600;
 const SWING_ROWS: u16 = 2_700;
-/// The fault of a trial that sees no current, that of too much, and those of one that sees too little of what flows.
+/// The fault of a trial whose amplifiers show no current; that of a trial with too much current; and both, which trials cause whose
+/// amplifiers show less current than flows.
 const UNSEEN: Faults = Faults::NONE.with(Fault::CurrentSense);
 const TOO_MUCH: Faults = Faults::NONE.with(Fault::OverCurrent);
 const OF_TRIALS: Faults = UNSEEN.union(TOO_MUCH);

@@ -452,8 +452,8 @@ impl<H: Helm> Pilot<H> {
         self.fail(now, client, Ending::Robot(LinkError::State { wanted, actual }));
     }
 
-    /// Ends without a stop, because the link is gone: the robot's own deadline stops it. A task that was done has not ended well:
-    /// nobody saw the robot at rest.
+    /// Ends without a stop, because the link is gone: the robot's own deadline stops the robot. A finished task ends with this error, too,
+    /// because no telemetry showed the robot at rest.
     fn lose(&mut self, error: LinkError) {
         if matches!(self.ending, None | Some(Ending::Finished)) {
             self.ending = Some(Ending::Robot(error));

@@ -52,8 +52,8 @@ pub fn run(drive: &mut Drive, interrupt: &Interrupt, holds: bool) -> Result<Endi
     })?;
     let mut ending = operate(drive, &mut screen, interrupt)?;
     calm(drive, ending);
-    // The robot comes to rest while the last answers of the terminal come: they are not for the shell. Why a link fails now is said
-    // by whoever stops or disarms the robot.
+    // The robot comes to rest while the last answers of the terminal arrive: read later, they would be input of the shell. A link that
+    // fails here fails again in the caller, which disarms or stops the robot and reports the failure.
     while screen.is_answer_due() && !is_closed() && drive.step(KEY_LATENCY).is_ok() {
         let stops = |it: &Action| matches!(it, Action::Stop | Action::Interrupt);
         let typed = screen.typed();

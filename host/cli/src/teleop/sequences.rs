@@ -2,9 +2,9 @@
 //!
 //! A control sequence goes from its introducer to its final byte (ECMA-48, 5.4), a control string to its terminator (5.6),
 //! pasted text from `CSI 200 ~` to `CSI 201 ~` (xterm's control sequences, mode 2004). Each may come in pieces, and its end may
-//! be lost: whatever has none after 0.2 s is reported as [broken off](Report::BrokenOff), and its bytes as the keys that they
-//! may be, since a space bar may be among them; so is one within which another begins. An introducer may be one byte (5.3), where that byte is no part of a character
-//! in UTF-8.
+//! be lost: a sequence without an end after 0.2 s is reported as [broken off](Report::BrokenOff), and its bytes as the keys that they
+//! may be, since a space bar may be among them. A sequence that another sequence interrupts is reported as broken off, too. An
+//! introducer may be one byte (5.3), where that byte is no part of a character in UTF-8.
 
 use std::borrow::Cow;
 use std::time::Duration;

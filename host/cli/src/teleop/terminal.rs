@@ -102,7 +102,7 @@ impl Screen {
         Ok(())
     }
 
-    /// Returns whether an answer is on its way, which whoever reads the terminal next would find.
+    /// Returns whether an answer of the terminal may still arrive: after the end of this program the shell would read the answer.
     pub(crate) fn is_answer_due(&self) -> bool {
         self.typing.is_answer_due(self.start.elapsed())
     }
