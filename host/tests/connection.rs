@@ -5,7 +5,7 @@ use std::net::UdpSocket;
 use flix_host::link::udp::{Connection, stop};
 use flix_host::link::{LinkError, RobotLink, Wish};
 use flix_host::system::interrupt::Interrupt;
-use flix_protocol::message::{Fault, Halt, OperatorName, State};
+use flix_protocol::message::{Fault, Halt, OperatorName, State, Telemetry};
 use flix_protocol::session::Key;
 
 use crate::support::{FakeRobot, ServedRobot, key};
@@ -67,7 +67,7 @@ fn a_stop_that_comes_while_another_cannot_be_cleared_yet_is_not_cleared() {
 fn cleared(
     trouble: fn(&mut FakeRobot),
     comes: fn(&mut FakeRobot),
-) -> (ServedRobot, Result<(), LinkError>) {
+) -> (ServedRobot, Result<Telemetry, LinkError>) {
     let (served, mut connection) = connect(|robot| {
         trouble(robot);
         robot.after_clearing = Some(comes);

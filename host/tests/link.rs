@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::support::{FakeRobot, key, seeded_loss};
 use flix_host::link::{
-    Client, DISARMED_AFTER, KEEP_ALIVE, NotShown, PASSING_PATIENCE, REQUEST_PATIENCE, SILENCE,
+    Client, DISARMED_AFTER, KEEP_ALIVE, NotTaken, PASSING_PATIENCE, REQUEST_PATIENCE, SILENCE,
     STOP_BESIDE_AFTER, StopState, Update, Wish,
 };
 use flix_host::nav::Decision;
@@ -337,7 +337,7 @@ fn a_wish_is_refused_before_the_robot_has_stated_its_permit() {
     world.robot.is_mute = true;
     let assert_refused = |world: &mut World| {
         for wish in wishes {
-            assert_eq!(world.client.press(world.now, wish), Err(NotShown));
+            assert_eq!(world.client.press(world.now, wish), Err(NotTaken::NotShown));
         }
     };
     assert_refused(&mut world);
@@ -420,7 +420,7 @@ fn nothing_else_is_pressed_until_a_stop_is_acknowledged() {
     let mut world = World::walking();
     world.client.stop(world.now);
     for wish in [Wish::Arm, Wish::Shake(setpoint(10.0, 0.0)), Wish::Clear] {
-        assert_eq!(world.client.press(world.now, wish), Err(NotShown));
+        assert_eq!(world.client.press(world.now, wish), Err(NotTaken::Stopping));
     }
     world.client.hold(world.now, setpoint(10.0, 0.0));
     world.client.disarm(world.now);
@@ -582,7 +582,7 @@ fn what_was_asked_before_the_first_session_clears_no_stop_that_came_meanwhile() 
     let mut world = World::new();
     world.is_cut = true;
     world.run(Duration::from_millis(300));
-    assert_eq!(world.client.press(world.now, Wish::Clear), Err(NotShown));
+    assert_eq!(world.client.press(world.now, Wish::Clear), Err(NotTaken::NotShown));
     world.stop_from_outside();
     world.is_cut = false;
     world.run(Duration::from_millis(1_500));

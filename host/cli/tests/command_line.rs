@@ -700,8 +700,20 @@ fn a_stopped_robot_is_driven_again_only_after_clear() {
     operator.flix(&["stop", &address]).expect(0, &[]);
     assert!(served.robot().stopped);
     operator.flix(&drive(&address, &[])).expect(31, &["owner stopped the robot", "flix clear"]);
-    operator.flix(&["clear", &address]).expect(0, &[]);
+    let cleared = operator.flix(&["clear", &address]).expect(0, &[]).stdout();
+    assert_eq!(cleared, "cleared: the stop of owner\nready\n");
     operator.flix(&drive(&address, &[])).expect(0, &[]);
+}
+
+#[test]
+fn clear_names_the_faults_that_it_cleared() {
+    let mut robot = robot();
+    robot.fail(Fault::Stall);
+    let (_served, address) = serve(robot);
+    let operator = Operator::new();
+    let cleared = operator.flix(&["clear", &address]).expect(0, &[]).stdout();
+    assert!(cleared.starts_with("cleared: stall: "), "{cleared}");
+    assert!(cleared.ends_with("free the rotor\nready\n"), "{cleared}");
 }
 
 #[test]

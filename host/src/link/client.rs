@@ -52,10 +52,16 @@ impl Wish {
     }
 }
 
-/// Why a wish is not taken: the robot has stated no permit in this session, or a stop is on its way.
+/// Why a wish is not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the robot has not stated yet whether it may be moved")]
-pub struct NotShown;
+pub enum NotTaken {
+    /// The robot has stated no permit in this session.
+    #[error("the robot has not stated yet whether it may be moved")]
+    NotShown,
+    /// The robot has not acknowledged the last stop.
+    #[error("a stop is on its way: wait until the robot acknowledges it")]
+    Stopping,
+}
 
 /// An event of the link, for the owner of the client.
 #[derive(Debug, Clone, PartialEq)]
@@ -202,7 +208,7 @@ impl Client {
     ///
     /// # Errors
     /// When the robot has stated no permit in this session, or a stop is on its way.
-    pub fn press(&mut self, now: Instant, wish: Wish) -> Result<(), NotShown> {
+    pub fn press(&mut self, now: Instant, wish: Wish) -> Result<(), NotTaken> {
         self.press_for(now, wish, PASSING_PATIENCE, 0)
     }
 
@@ -216,7 +222,7 @@ impl Client {
         now: Instant,
         wish: Wish,
         patience: Duration,
-    ) -> Result<(), NotShown> {
+    ) -> Result<(), NotTaken> {
         self.press_for(now, wish, patience, MOST_LAPSES)
     }
 
@@ -226,8 +232,11 @@ impl Client {
         wish: Wish,
         patience: Duration,
         lapses: u32,
-    ) -> Result<(), NotShown> {
-        let shown = self.telemetry.filter(|_| self.stop != StopState::Sending).ok_or(NotShown)?;
+    ) -> Result<(), NotTaken> {
+        if self.stop == StopState::Sending {
+            return Err(NotTaken::Stopping);
+        }
+        let shown = self.telemetry.ok_or(NotTaken::NotShown)?;
         match wish {
             // A robot that follows a walk is armed. A robot without stop and fault needs no clearing.
             Wish::Arm

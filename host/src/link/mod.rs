@@ -41,7 +41,7 @@ pub mod statistics;
 pub mod udp;
 
 pub use as_commanded::{errors, is_reached, line_difference};
-pub use client::{Client, NotShown, StopState, Update, Wish};
+pub use client::{Client, NotTaken, StopState, Update, Wish};
 pub use error::LinkError;
 pub use robot_link::RobotLink;
 #[cfg(not(target_family = "wasm"))]

@@ -9,7 +9,7 @@ use flix_protocol::session::ConnectError;
 use flix_protocol::units::Instant;
 
 use super::{
-    ARM_PATIENCE, Client, KEEP_ALIVE, LinkError, NotShown, PASSING_PATIENCE, REQUEST_PATIENCE,
+    ARM_PATIENCE, Client, KEEP_ALIVE, LinkError, NotTaken, PASSING_PATIENCE, REQUEST_PATIENCE,
     REVOKED_PATIENCE, TELEMETRY_LAG, TRY_AGAIN, Update, Wish, passes_by_itself,
 };
 
@@ -323,7 +323,7 @@ pub trait RobotLink {
     /// As for [`RobotLink::press`].
     fn press_by(
         &mut self,
-        mut press: impl FnMut(&mut Client, Instant) -> Result<(), NotShown>,
+        mut press: impl FnMut(&mut Client, Instant) -> Result<(), NotTaken>,
     ) -> Result<(), Self::Error> {
         let deadline = self.operate().1 + REQUEST_PATIENCE;
         let pressed = self.look_in_session(deadline, |client, now, update| {
@@ -333,7 +333,7 @@ pub trait RobotLink {
             }
             match press(client, now) {
                 Ok(()) => Some(true),
-                Err(NotShown) => (now >= deadline).then_some(false),
+                Err(_) => (now >= deadline).then_some(false),
             }
         })?;
         if pressed { Ok(()) } else { Err(LinkError::Unanswered.into()) }

@@ -127,11 +127,12 @@ impl Connection {
         }
     }
 
-    /// Clears the latched stop and faults, for somebody who asked for it then: not a stop that came since.
+    /// Clears the latched stop and the faults, and returns the telemetry that stated them. A stop later than `asked` stays latched, as
+    /// does each stop and fault that the robot had not stated when the session began.
     ///
     /// # Errors
     /// As for [`RobotLink::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
-    pub fn clear(&mut self, asked: std::time::Instant) -> Result<(), LinkError> {
+    pub fn clear(&mut self, asked: std::time::Instant) -> Result<Telemetry, LinkError> {
         // What was longest under way makes a stop look younger: of several, one that shows it older decides.
         let is_known = |it: &Telemetry| it.stopped_for().is_none_or(|ago| ago >= asked.elapsed());
         let first = self.wait_for_telemetry(super::REQUEST_PATIENCE, |_| true)?;
@@ -166,7 +167,7 @@ impl Connection {
             _ => None,
         })?;
         match (cleared, last) {
-            (Some(None), _) => Ok(()),
+            (Some(None), _) => Ok(judged),
             (_, Some(telemetry)) if !telemetry.faults.is_empty() => {
                 Err(LinkError::faulted(&telemetry))
             }

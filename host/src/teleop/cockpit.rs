@@ -496,8 +496,8 @@ impl Cockpit {
     /// Takes a wish; returns whether the client did, and says why not.
     fn press(&mut self, wish: Wish, client: &mut Client, now: Instant) -> bool {
         let pressed = client.press(now, wish);
-        if let Err(not_shown) = pressed {
-            self.note(now, Weight::Warning, &format!("not done: {not_shown}"));
+        if let Err(not_taken) = pressed {
+            self.note(now, Weight::Warning, &format!("not done: {not_taken}"));
         }
         pressed.is_ok()
     }
@@ -555,9 +555,17 @@ impl Cockpit {
 
     /// Commands a setpoint, if the robot is armed.
     fn want(&mut self, setpoint: Setpoint, client: &mut Client, now: Instant) -> bool {
-        let state = self.telemetry.as_ref().map(|telemetry| telemetry.state);
-        if self.is_stopping || !matches!(state, Some(State::Armed | State::Running)) {
-            self.note(now, Weight::Warning, "not armed: press Enter first");
+        let why_not = match self.telemetry.as_ref().map(|telemetry| telemetry.state) {
+            _ if self.is_stopping => "a stop is on its way: wait until the robot acknowledges it",
+            Some(State::Armed | State::Running) => "",
+            Some(State::Aligning) => "the motors are being aligned: wait until the robot is armed",
+            Some(State::Stopping) => "the rotors ramp down: press Enter once they rest",
+            Some(State::Faulted) => "faulted: press c to clear it first",
+            Some(State::Disarmed) => "not armed: press Enter first",
+            None => "the robot has not stated yet whether it is armed",
+        };
+        if !why_not.is_empty() {
+            self.note(now, Weight::Warning, why_not);
             return false;
         }
         let is_pressed = self.press(Wish::Shake(setpoint), client, now);

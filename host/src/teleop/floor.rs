@@ -101,8 +101,8 @@ impl Floor {
         })
     }
 
-    /// Returns what to command so that the robot walks as `setpoint` and keeps its heading: the pair itself, or a turn
-    /// back to the heading. With old poses, and at rest, it is the pair.
+    /// Returns the pair that keeps the heading of a walk: `setpoint` itself, or a turn back to the heading with the same shaking
+    /// frequency. At rest, and with poses older than 0.1 s, returns `setpoint`.
     pub fn steer(&mut self, now: Instant, setpoint: Setpoint) -> Setpoint {
         let is_walking = setpoint.frequency() != Hertz::ZERO;
         let Some(hold) = self.hold.as_mut().filter(|_| is_walking) else { return setpoint };
@@ -112,11 +112,13 @@ impl Floor {
         }
         let error = wrap(hold.heading - self.pose.heading);
         hold.is_turning = error.abs() > if hold.is_turning { WALKS_AT } else { TURNS_AT };
-        match hold.is_turning {
-            false => setpoint,
+        let turn = match hold.is_turning {
+            false => return setpoint,
             true if error > 0.0 => PaperMode::LeftTurn.setpoint(),
             true => PaperMode::RightTurn.setpoint(),
-        }
+        };
+        let frequency = setpoint.frequency().get().copysign(turn.frequency().get());
+        Setpoint::saturating(frequency, turn.direction().get())
     }
 }
 
@@ -162,6 +164,20 @@ mod tests {
         );
         assert_eq!(steered(3.03), forward);
         assert_eq!(steered(2.7), PaperMode::LeftTurn.setpoint());
+    }
+
+    #[test]
+    fn a_held_heading_is_turned_to_at_the_frequency_of_the_walk() {
+        let mut floor = seen(&at(0, 0.0));
+        floor.hold(true);
+        for (heading, frequency) in [(1.0, 12.0), (-1.0, -12.0)] {
+            floor.pose.heading = heading;
+            for walk in [12.0, -12.0] {
+                let setpoint = Setpoint::saturating(walk, 20.0);
+                let steered = floor.steer(Instant::from_micros(20_000), setpoint);
+                assert_eq!(steered, Setpoint::saturating(frequency, 90.0));
+            }
+        }
     }
 
     #[test]

@@ -298,7 +298,11 @@ impl Typing {
         match report {
             Report::Key(key) | Report::Held(key) if key.kind == KeyEventKind::Release => {
                 self.repeated = None;
-                if self.held.take_if(|(held, _)| *held == letter(key.code)).is_some() {
+                let code = letter(key.code);
+                // The release of a digit that needs shift names another character where shift was released first.
+                let is_unknown = matches!(code, KeyCode::Char(_))
+                    && action(KeyEvent::new(code, KeyModifiers::NONE)).is_none();
+                if self.held.take_if(|(held, _)| *held == code || is_unknown).is_some() {
                     self.together.fill(None);
                     self.ready.actions.push(Action::Rest);
                 }
@@ -826,6 +830,11 @@ mod tests {
             }
             assert_eq!(actions, wanted, "{holds}");
         }
+        // The key of 1 on a French keyboard, whose shift is released first.
+        let mut typing = Typing::new(true);
+        typing.report(Duration::ZERO, key('1', down));
+        typing.report(Duration::from_millis(100), key('&', up));
+        assert_eq!(typing.take(Duration::from_millis(150)).actions, [forward, Action::Rest]);
         // A press that is released at once moves nothing.
         let mut typing = Typing::new(true);
         typing.report(Duration::ZERO, key('w', down));
