@@ -4,7 +4,6 @@
 //! Where rustup and espup are installed their toolchains are used. Where they cannot be had,
 //! Debian's compiler builds the ESP32-C6 and a stand-in target type-checks the other two chips.
 
-mod build_times;
 mod chip;
 mod emulate;
 mod flash;
@@ -36,7 +35,7 @@ use clap::{Args, Parser, Subcommand};
 use chip::{Chip, Options};
 use run::Error;
 
-/// Build, check, measure and flash the chip images; run what a change has to pass.
+/// Build, check and flash the chip images; run what a change has to pass.
 #[derive(Parser)]
 #[command(name = "cargo xtask", version, after_help = EXAMPLES)]
 struct Cli {
@@ -84,8 +83,6 @@ enum Task {
     Quick(quick::Args),
     /// Test single packages without building their dependencies with other features than the whole workspace's.
     Test(quick::TestArgs),
-    /// Measure builds and tests, and write the tables of CONTRIBUTING.md.
-    Measure(build_times::Args),
     /// Print the checks of `.ci/lanes.toml`, which of them are due and why; run those.
     Lanes(lanes::Args),
     /// Check that no panic can be reached from the fast tick; fail when one can.
@@ -118,9 +115,6 @@ impl Build {
 }
 
 fn main() -> ExitCode {
-    if let Some(log) = std::env::var_os(build_times::LOG) {
-        return build_times::compile(&log);
-    }
     let outcome = match Cli::parse().task {
         Task::Setup(args) => setup::setup(&args),
         Task::Build(args) => args.elf().map(drop),
@@ -135,7 +129,6 @@ fn main() -> ExitCode {
         Task::Web(args) => web::run(&args),
         Task::Quick(args) => quick::run(&args),
         Task::Test(args) => quick::test(&args),
-        Task::Measure(args) => build_times::run(&args),
         Task::Lanes(args) => lanes::run(&args),
         Task::PanicFree => panic_free::run(),
     };

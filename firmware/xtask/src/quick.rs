@@ -57,7 +57,7 @@ pub(crate) fn test(args: &TestArgs) -> Result<(), Error> {
 }
 
 /// Prepares cargo for single packages, which share what the whole workspace's tests have built.
-pub(crate) fn unified() -> Command {
+fn unified() -> Command {
     let mut cargo = toolchain::cargo();
     cargo.envs(UNIFIED);
     cargo
@@ -116,7 +116,7 @@ impl Step {
 }
 
 /// Returns the options of cargo that name these packages.
-pub(crate) fn named<'a>(packages: &BTreeSet<&'a str>) -> Vec<&'a str> {
+fn named<'a>(packages: &BTreeSet<&'a str>) -> Vec<&'a str> {
     packages.iter().flat_map(|name| ["-p", *name]).collect()
 }
 

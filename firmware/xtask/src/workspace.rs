@@ -73,6 +73,7 @@ impl Workspace {
     }
 
     /// Returns the folder of a package, from the root, with a `/` at its end.
+    #[cfg(test)]
     pub(crate) fn folder(&self, name: &str) -> Option<&str> {
         self.packages.get(name).map(|package| package.folder.as_str())
     }
