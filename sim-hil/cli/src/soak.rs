@@ -1,15 +1,13 @@
 //! `flix-sim soak`: hours of random commands, faults and link trouble, in virtual time.
 
-use flix_shell::number::{whole, within};
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use serde::Serialize;
+use flix_shell::number::{whole, within};
 
 use super::error::Error;
-use super::output::{print_verdict, progress};
-use flix_sim::reliability::soak::{Verdict, measure};
-use flix_sim::study::lines;
+use super::measure::{MeasureArgs, measure};
+use flix_sim::reliability::soak::soak;
 
 /// Run robots through hours of random commands, faults and link trouble, in virtual time
 ///
@@ -26,28 +24,11 @@ pub struct Args {
     /// Seed of the robots and of what happens to them
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     seed: u64,
-    /// Print JSON only
-    #[arg(long)]
-    json: bool,
-}
-
-/// The verdict with the time that it took.
-#[derive(Serialize)]
-struct Report {
-    #[serde(flatten)]
-    verdict: Verdict,
-    machine_s: f64,
-    times_real_time: f64,
+    #[command(flatten)]
+    measure: MeasureArgs,
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let total = Duration::from_secs_f64(3_600.0 * args.hours);
-    let bar = progress(total.as_secs(), "running");
-    let began = Instant::now();
-    let verdict = measure(args.seed, total, |seconds| bar.inc(seconds));
-    let machine_s = began.elapsed().as_secs_f64();
-    bar.finish_and_clear();
-    let times_real_time = total.as_secs_f64() / machine_s;
-    let measured = verdict.map(|verdict| Report { verdict, machine_s, times_real_time });
-    print_verdict(measured, |report| report.verdict.pass, args.json, lines)
+    measure("soak", &[&soak(args.seed, total)], &args.measure)
 }

@@ -132,3 +132,27 @@ impl<C: Sync> Study for Measurement<C> {
         self.groups
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::compute;
+    use super::*;
+    use crate::study::FAILURE;
+
+    #[test]
+    fn a_run_that_panics_or_fails_costs_its_own_row() {
+        let found = |run: &u64| match run {
+            1 => Err("diverged"),
+            2 => panic!("a defect"),
+            run => Ok(vec![vec![(*run).into()]]),
+        };
+        let columns = ["run", "found"].map(Column::whole).to_vec();
+        let asked = |run: &u64, _| vec![(*run).into()];
+        let study = Measurement::new("test", serde_json::json!({}), columns, asked, found);
+        let table = compute(&study.runs(0..4, 1));
+        let failure = table.index(FAILURE).unwrap();
+        let failures = table.rows.values().map(|row| row[failure].as_text().unwrap());
+        assert_eq!(failures.collect::<Vec<_>>(), ["", "diverged", "panicked", ""]);
+        assert!(!table.pass());
+    }
+}

@@ -16,6 +16,8 @@ pub use measurement::Measurement;
 pub use shard::{Shard, ShardError};
 pub use table::Table;
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -93,10 +95,12 @@ pub fn batches<'a>(study: &dyn Study, mut cells: &'a [usize]) -> Vec<&'a [usize]
     batches
 }
 
-/// Computes cells, and returns their rows.
+/// Computes cells, and returns their rows. Cells that panic have failed.
 #[must_use]
 pub fn rows(study: &dyn Study, columns: &[Column], cells: &[usize]) -> Vec<(usize, Row)> {
-    let found = cells.iter().zip(study.compute(cells));
+    let computed = catch_unwind(AssertUnwindSafe(|| study.compute(cells)));
+    let found = computed.unwrap_or_else(|_| vec![Err("panicked".to_owned()); cells.len()]);
+    let found = cells.iter().zip(found);
     found.map(|(cell, found)| (*cell, row(columns, study.asked(*cell), found))).collect()
 }
 

@@ -1,38 +1,36 @@
-//! Memory of the process while robots soak.
+//! Memory of the process while a robot soaks.
 
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Resident memory of this process, largest in the first and in the last quarter of the virtual time.
+/// Largest resident memory of this process in the first and in the last quarter of a scenario, bytes.
 pub(super) struct Memory {
-    total: u64,
-    seconds: AtomicU64,
-    early: AtomicU64,
-    late: AtomicU64,
+    /// Length of the scenario, s.
+    length: u64,
+    /// Virtual time that has passed, s.
+    seconds: u64,
+    early: u64,
+    late: u64,
 }
 
 impl Memory {
-    pub(super) fn new(total: Duration) -> Self {
-        let [seconds, early, late] = [0, 0, 0].map(AtomicU64::new);
-        Self { total: total.as_secs(), seconds, early, late }
+    pub(super) fn new(length: Duration) -> Self {
+        Self { length: length.as_secs().max(1), seconds: 0, early: 0, late: 0 }
     }
 
-    /// Once a virtual second of any robot.
-    pub(super) fn look(&self) {
-        let seconds = self.seconds.fetch_add(1, Ordering::Relaxed);
-        let quarter = match seconds * 4 / self.total.max(1) {
-            0 => &self.early,
-            3 => &self.late,
-            _ => return,
+    /// Looks at the memory; call it once a virtual second.
+    pub(super) fn look(&mut self) {
+        let quarter = match self.seconds * 4 / self.length {
+            0 => &mut self.early,
+            3 => &mut self.late,
+            _ => &mut 0,
         };
-        if let Some(resident) = resident() {
-            quarter.fetch_max(resident, Ordering::Relaxed);
-        }
+        *quarter = resident().unwrap_or(0).max(*quarter);
+        self.seconds += 1;
     }
 
-    pub(super) fn growth(&self) -> Option<i64> {
-        let [early, late] = [&self.early, &self.late].map(|size| size.load(Ordering::Relaxed));
-        (early > 0 && late > 0).then(|| late as i64 - early as i64)
+    /// Returns the growth in bytes, where the system reports the memory.
+    pub(super) fn growth(&self) -> Option<f64> {
+        (self.early > 0 && self.late > 0).then(|| self.late as f64 - self.early as f64)
     }
 }
 

@@ -9,6 +9,7 @@ use flix_protocol::units::{Instant, OutOfRange};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::memory::Memory;
 use super::watch::{Account, Rule, Watch};
 use crate::experiment::metrics::line_error;
 use crate::rig::bench::{BASES, BenchError, bench_knowing, learnt, setpoint};
@@ -35,11 +36,13 @@ pub(super) struct Scenario {
     /// When each operator, who failed or left, tries again.
     retry: [Option<Instant>; 3],
     account: Account,
+    end: Instant,
+    memory: Memory,
     next_second: Instant,
 }
 
 impl Scenario {
-    pub(super) fn new(seed: u64) -> Result<Self, BenchError> {
+    pub(super) fn new(seed: u64, length: Duration) -> Result<Self, BenchError> {
         let base = BASES[(seed % 2) as usize];
         let flash = learnt(base, seed)?;
         let mut operation = bench_knowing(base, seed, flash, ChannelParameters::QUIET_WIFI)?;
@@ -50,25 +53,23 @@ impl Scenario {
             random: Xoshiro256PlusPlus::seed_from_u64(seed ^ 0x50a4),
             seed,
             watch: Watch::new(operation.now()),
-            operation,
             breakage: None,
             retry: [None; 3],
             account: Account::default(),
+            end: operation.now() + length,
+            memory: Memory::new(length),
             next_second: Instant::from_micros(1_000_000),
+            operation,
         })
     }
 
-    pub(super) fn run(
-        mut self,
-        length: Duration,
-        second: &dyn Fn(),
-    ) -> Result<Account, BenchError> {
-        let end = self.operation.now() + length;
-        while self.operation.now() < end {
-            self.inject(second)?;
-            self.mend(second)?;
-            self.recover(second)?;
+    pub(super) fn run(mut self) -> Result<Account, BenchError> {
+        while self.operation.now() < self.end {
+            self.inject()?;
+            self.mend()?;
+            self.recover()?;
         }
+        self.account.growth = self.memory.growth();
         Ok(self.account)
     }
 
@@ -81,7 +82,7 @@ impl Scenario {
     }
 
     /// Injects random commands, faults and link trouble for some seconds.
-    fn inject(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
+    fn inject(&mut self) -> Result<(), BenchError> {
         self.isolate(ChannelParameters::QUIET_WIFI);
         let end = self.operation.now() + Duration::from_secs_f64(self.between(4.0, 20.0));
         while self.operation.now() < end {
@@ -92,26 +93,26 @@ impl Scenario {
                 _ => self.command()?,
             }
             let pause = -PACE * (1.0 - self.random.random::<f64>()).ln();
-            self.advance(Duration::from_secs_f64(pause.min(3.0)), second)?;
+            self.advance(Duration::from_secs_f64(pause.min(3.0)))?;
         }
         Ok(())
     }
 
-    fn advance(&mut self, duration: Duration, second: &dyn Fn()) -> Result<(), BenchError> {
+    fn advance(&mut self, duration: Duration) -> Result<(), BenchError> {
         let end = self.operation.now() + duration;
         while self.operation.now() < end {
-            self.tick(second)?;
+            self.tick()?;
         }
         Ok(())
     }
 
-    fn tick(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
+    fn tick(&mut self) -> Result<(), BenchError> {
         self.operation.tick()?;
         self.listen();
         self.watch.see(&mut self.operation, self.breakage, &mut self.account);
         if self.operation.now() >= self.next_second {
             self.next_second = self.next_second + Duration::from_secs(1);
-            second();
+            self.memory.look();
         }
         Ok(())
     }
@@ -253,9 +254,9 @@ impl Scenario {
     }
 
     /// All is well again, and only the first operator is left. The battery is swapped for a charged one.
-    fn mend(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
+    fn mend(&mut self) -> Result<(), BenchError> {
         while self.breakage.is_some_and(|(_, until)| self.watch.now <= until) {
-            self.tick(second)?;
+            self.tick()?;
         }
         self.operation.robot.mend();
         self.operation.robot.swap_battery(0.9);
@@ -289,7 +290,7 @@ impl Scenario {
     /// Time for which f and theta must be near before the robot counts as shaking as commanded.
     const NEAR_FOR: Duration = Duration::from_millis(300);
 
-    fn recover(&mut self, second: &dyn Fn()) -> Result<(), BenchError> {
+    fn recover(&mut self) -> Result<(), BenchError> {
         let began = self.operation.now();
         let frequency = if self.below(2) == 0 { 25.0 } else { -25.0 };
         let commanded = setpoint(frequency, self.between(-90.0, 90.0))?;
@@ -301,7 +302,7 @@ impl Scenario {
             if is_due {
                 self.insist(commanded);
             }
-            self.tick(second)?;
+            self.tick()?;
             let truth = self.operation.robot.truth();
             if is_near(&truth, commanded) {
                 let since = *near_since.get_or_insert(now);
@@ -376,13 +377,13 @@ mod tests {
     /// What checks the rules must be able to see them broken.
     #[test]
     fn rotors_that_nothing_brakes_are_seen_to_spin_disarmed() {
-        let mut scenario = Scenario::new(2).unwrap();
+        let mut scenario = Scenario::new(2, Duration::from_secs(60)).unwrap();
         scenario.isolate(ChannelParameters::CUT);
         scenario.operation.arm().unwrap();
         scenario.operation.want(setpoint(30.0, 0.0).unwrap());
-        scenario.advance(Duration::from_secs(1), &|| ()).unwrap();
+        scenario.advance(Duration::from_secs(1)).unwrap();
         scenario.operation.robot.disturb(Unsupplied);
-        scenario.advance(Duration::from_secs(3), &|| ()).unwrap();
+        scenario.advance(Duration::from_secs(3)).unwrap();
         assert_eq!(scenario.account.violations[Rule::SpinsDisarmed as usize], 1);
     }
 }

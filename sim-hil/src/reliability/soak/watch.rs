@@ -6,16 +6,15 @@ use flix_firmware::hardware::TICK;
 use flix_protocol::message::State;
 use flix_protocol::session::HOLDER_SILENCE;
 use flix_protocol::units::Instant;
-use serde::Serialize;
 
 use crate::reliability::fault_matrix::{REST_HZ, REST_LIMIT_S};
 use crate::rig::hardware_fault::HardwareFault;
 use crate::rig::operation::{Operation, Operator};
 use crate::rig::simulated::{Processor, Truth};
+use crate::study::{Row, Value};
 
 /// What must hold in every tick.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
     /// With sound hardware no phase carries more than the setting `current_limit`; with an amplifier or an encoder
     /// that lies, none more than `over_current` for longer than the trip takes.
@@ -33,14 +32,14 @@ pub enum Rule {
     Recovery,
 }
 
-/// All of them.
-pub const RULES: [Rule; 6] = [
-    Rule::Current,
-    Rule::SpinsDisarmed,
-    Rule::TwoOperators,
-    Rule::LateTick,
-    Rule::StuckState,
-    Rule::Recovery,
+/// All rules, each with the name of its column.
+pub const RULES: [(Rule, &str); 6] = [
+    (Rule::Current, "current"),
+    (Rule::SpinsDisarmed, "spins_disarmed"),
+    (Rule::TwoOperators, "two_operators"),
+    (Rule::LateTick, "late_tick"),
+    (Rule::StuckState, "stuck_state"),
+    (Rule::Recovery, "recovery"),
 ];
 
 /// What a trip of the current may take, with what the windings then still carry.
@@ -62,6 +61,7 @@ pub(super) struct Account {
     pub(super) restarts: u64,
     pub(super) longest_recovery: Duration,
     pub(super) largest_current: f64,
+    pub(super) growth: Option<f64>,
     pub(super) violations: [u64; RULES.len()],
     pub(super) examples: Vec<String>,
 }
@@ -70,19 +70,15 @@ impl Account {
     /// Examples that are kept.
     const EXAMPLES: usize = 10;
 
-    pub(super) fn add(&mut self, other: Self) {
-        self.episodes += other.episodes;
-        self.commands += other.commands;
-        self.link_troubles += other.link_troubles;
-        self.hardware_faults += other.hardware_faults;
-        self.restarts += other.restarts;
-        self.longest_recovery = self.longest_recovery.max(other.longest_recovery);
-        self.largest_current = self.largest_current.max(other.largest_current);
-        for (sum, more) in self.violations.iter_mut().zip(other.violations) {
-            *sum += more;
-        }
-        self.examples.extend(other.examples);
-        self.examples.truncate(Self::EXAMPLES);
+    /// Returns the values of the row, in the order of the columns.
+    pub(super) fn row(&self) -> Row {
+        [self.episodes, self.commands, self.link_troubles, self.hardware_faults, self.restarts]
+            .map(Value::from)
+            .into_iter()
+            .chain([self.longest_recovery.as_secs_f64(), self.largest_current].map(Value::from))
+            .chain(self.violations.map(Value::from))
+            .chain([self.growth.into(), self.examples.join("; ").into()])
+            .collect()
     }
 
     pub(super) fn broken(&mut self, rule: Rule, what: impl FnOnce() -> String) {
@@ -153,7 +149,7 @@ impl Watch {
             self.stuck_state(operation),
             false,
         ];
-        for (rule, is_broken) in RULES.into_iter().zip(broken) {
+        for ((rule, _), is_broken) in RULES.into_iter().zip(broken) {
             let was_broken = core::mem::replace(&mut self.reported[rule as usize], is_broken);
             if is_broken && !was_broken {
                 let report = operation.robot.report();
