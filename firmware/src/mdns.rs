@@ -5,15 +5,14 @@
 
 use core::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 
-use edge_mdns::domain::base::iana::Class;
+use edge_mdns::domain::base::iana::{Class, Opcode, Rcode};
+use edge_mdns::domain::base::message_builder::StaticCompressor;
 use edge_mdns::domain::base::name::ToName;
-use edge_mdns::domain::base::{Message, Record, Rtype, Ttl};
+use edge_mdns::domain::base::{Message, MessageBuilder, Question, Record, Rtype, Ttl};
 use edge_mdns::domain::rdata::dnssec::RtypeBitmap;
 use edge_mdns::domain::rdata::{A, AllRecordData, Nsec, Ptr, Srv};
-use edge_mdns::{
-    DNS_SD_OWNER, HostAnswer, HostAnswers, HostAnswersMdnsHandler, MdnsError, MdnsHandler,
-    MdnsRequest, MdnsResponse, NameSlice, RecordDataChain, Txt,
-};
+use edge_mdns::{Buf, DNS_SD_OWNER, HostAnswer, NameSlice, RecordDataChain, Txt};
+use flix_protocol::HOST_PREFIX;
 use flix_protocol::message::{NAME_LENGTH, Name};
 use heapless::String;
 
@@ -34,7 +33,6 @@ const HOST_TYPES: [u8; 3] = [0, 1, 0b0100_0000];
 /// Most bytes of an answer for each byte of its question: what the shortest question for the service and the longest name
 /// of a robot need. More would make the robot worth asking in somebody else's name.
 pub const AMPLIFICATION: usize = 11;
-const HOST_PREFIX: &str = "flix-";
 /// Parts of the service's name.
 const SERVICE: &str = "_flix";
 const PROTOCOL: &str = "_udp";
@@ -85,10 +83,13 @@ impl Responder {
     ) -> Option<(SocketAddr, usize)> {
         // A resolver that knows no multicast asks from another port and wants the answer there.
         let legacy = from.port() != PORT;
-        let request = MdnsRequest::Request { legacy, multicast: true, data: query };
-        let length = self
-            .handle(address, request, answer)
-            .filter(|length| *length <= AMPLIFICATION * query.len())?;
+        let message = Message::from_octets(query).ok()?;
+        let header = message.header();
+        if header.qr() || header.opcode() != Opcode::QUERY || header.rcode() != Rcode::NOERROR {
+            return None;
+        }
+        let most = ANSWER_LENGTH.min(AMPLIFICATION * query.len());
+        let length = self.respond(address, Some((&message, legacy)), &mut answer[..most])?;
         let everybody = SocketAddr::V4(SocketAddrV4::new(GROUP, PORT));
         Some((if legacy { from } else { everybody }, length))
     }
@@ -99,53 +100,86 @@ impl Responder {
         address: Ipv4Addr,
         answer: &mut [u8; ANSWER_LENGTH],
     ) -> Option<usize> {
-        self.handle(address, MdnsRequest::None, answer)
+        self.respond(address, None, answer)
     }
 
-    /// Returns whether a query asks for the host's address of IPv6.
-    fn asks_for_ipv6(&self, query: &[u8]) -> bool {
-        let name = [self.host.as_str(), DOMAIN];
-        let name = NameSlice::new(&name);
-        Message::from_octets(query).is_ok_and(|message| {
-            let mut questions = message.question().filter_map(Result::ok);
-            questions.any(|asked| asked.qtype() == Rtype::AAAA && asked.qname().name_eq(&name))
-        })
-    }
-
-    fn handle(
+    /// Writes each record that any question of a query asks for, once, then the records that the asker needs next (RFC 6763, section
+    /// 12), as far as they fit; without a query, all records. `query` states whether the asker knows no multicast. Returns the
+    /// length, or nothing where no record is asked for.
+    fn respond(
         &self,
         address: Ipv4Addr,
-        request: MdnsRequest<'_>,
-        answer: &mut [u8; ANSWER_LENGTH],
+        query: Option<(&Message<&[u8]>, bool)>,
+        answer: &mut [u8],
     ) -> Option<usize> {
-        let legacy = matches!(request, MdnsRequest::Request { legacy: true, .. });
-        let asks_for_ipv6 = match &request {
-            MdnsRequest::Request { data, .. } => self.asks_for_ipv6(data),
-            _ => false,
-        };
-        let records = Records { responder: self, address, legacy, asks_for_ipv6 };
-        let mut handler = HostAnswersMdnsHandler::new(records);
-        match handler.handle(request, answer) {
-            Ok(MdnsResponse::Reply { data, .. }) => Some(data.len()),
-            Ok(MdnsResponse::None) | Err(_) => None,
+        let legacy = query.is_some_and(|(_, legacy)| legacy);
+        let records = Records { responder: self, address, legacy };
+        let mut asked = 0_u8;
+        records.each(|place, record| {
+            let is_asked = match query {
+                Some((query, _)) => query.question().flatten().any(|it| asks_for(&it, &record)),
+                None => place != NO_IPV6,
+            };
+            asked |= u8::from(is_asked) << place;
+        });
+        let leads_to = |place: u8, next: u8| if asked & 1 << place != 0 { next } else { 0 };
+        let host = 1 << ADDRESS;
+        let further = leads_to(ROBOT, 1 << PLACE | 1 << TEXT | host) | leads_to(PLACE, host);
+        let target = StaticCompressor::new(Buf::new(answer));
+        let mut builder = MessageBuilder::from_target(target).ok()?;
+        let header = builder.header_mut();
+        header.set_qr(true);
+        header.set_aa(true);
+        let mut questions = builder.question();
+        if let Some((query, true)) = query {
+            questions.header_mut().set_id(query.header().id());
+            query.question().flatten().try_for_each(|it| questions.push(it)).ok()?;
         }
+        let mut answers = questions.answer();
+        records.each(|place, record| {
+            // A record that does not fit is left out.
+            let _ = if asked & 1 << place != 0 { answers.push(record) } else { Ok(()) };
+        });
+        if answers.counts().ancount() == 0 {
+            return None;
+        }
+        let mut additional = answers.additional();
+        records.each(|place, record| {
+            let is_next = further & !asked & 1 << place != 0;
+            let _ = if is_next { additional.push(record) } else { Ok(()) };
+        });
+        Some(additional.finish().as_slice().len())
     }
 }
 
-/// What the robot's names stand for.
+/// Returns whether a question asks for a record.
+fn asks_for(question: &Question<impl ToName>, record: &HostAnswer<'_>) -> bool {
+    let kind = match record.rtype() {
+        // The record states that the host has no address of IPv6.
+        Rtype::NSEC => question.qtype() == Rtype::AAAA,
+        kind => [kind, Rtype::ANY].contains(&question.qtype()),
+    };
+    kind && question.qname().name_eq(record.owner())
+}
+
+/// Places of the records in their order.
+const ADDRESS: u8 = 0;
+const NO_IPV6: u8 = 1;
+const PLACE: u8 = 2;
+const TEXT: u8 = 3;
+const KIND: u8 = 4;
+const ROBOT: u8 = 5;
+
+/// The records of a robot.
 struct Records<'a> {
     responder: &'a Responder,
     address: Ipv4Addr,
     legacy: bool,
-    asks_for_ipv6: bool,
 }
 
-impl HostAnswers for Records<'_> {
-    fn visit<F, E>(&self, mut f: F) -> Result<(), E>
-    where
-        F: FnMut(HostAnswer) -> Result<(), E>,
-        E: From<MdnsError>,
-    {
+impl Records<'_> {
+    /// Calls `visit` with each record and the record's place.
+    fn each(&self, mut visit: impl FnMut(u8, HostAnswer<'_>)) {
         let Responder { name, host, port } = self.responder;
         let (host, service) = ([host.as_str(), DOMAIN], [SERVICE, PROTOCOL, DOMAIN]);
         let instance = [name.as_str(), SERVICE, PROTOCOL, DOMAIN];
@@ -159,32 +193,31 @@ impl HostAnswers for Records<'_> {
         let ttl = Ttl::from_secs(seconds);
         let next = RecordDataChain::Next;
         let address = AllRecordData::A(A::new(self.address));
-        f(Record::new(host(), unique, ttl, next(address)))?;
+        visit(ADDRESS, Record::new(host(), unique, ttl, next(address)));
         // Nobody has to wait for an address of IPv6. Only who asks gets it: with every answer it would make the robot
         // worth asking in somebody else's name.
-        if self.asks_for_ipv6
-            && let Ok(types) = RtypeBitmap::from_octets(&HOST_TYPES[..])
-        {
+        if let Ok(types) = RtypeBitmap::from_octets(&HOST_TYPES[..]) {
             let only_ipv4 = AllRecordData::Nsec(Nsec::new(host(), types));
-            f(Record::new(host(), unique, ttl, next(only_ipv4)))?;
+            visit(NO_IPV6, Record::new(host(), unique, ttl, next(only_ipv4)));
         }
         let place = AllRecordData::Srv(Srv::new(0, 0, *port, host()));
-        f(Record::new(instance(), unique, ttl, next(place)))?;
+        visit(PLACE, Record::new(instance(), unique, ttl, next(place)));
         let text = RecordDataChain::This(Txt::new(&[("version", env!("CARGO_PKG_VERSION"))]));
-        f(Record::new(instance(), unique, ttl, text))?;
+        visit(TEXT, Record::new(instance(), unique, ttl, text));
         // Every robot has these.
         let kind = AllRecordData::Ptr(Ptr::new(service()));
-        f(Record::new(DNS_SD_OWNER, Class::IN, ttl, RecordDataChain::Next(kind)))?;
+        visit(KIND, Record::new(DNS_SD_OWNER, Class::IN, ttl, RecordDataChain::Next(kind)));
         let robot = AllRecordData::Ptr(Ptr::new(instance()));
-        f(Record::new(service(), Class::IN, ttl, RecordDataChain::Next(robot)))
+        visit(ROBOT, Record::new(service(), Class::IN, ttl, RecordDataChain::Next(robot)));
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use edge_mdns::domain::base::{ParsedName, Question};
-    use edge_mdns::{HostQuestion, HostQuestions};
+    use edge_mdns::domain::base::ParsedName;
+    use edge_mdns::{HostQuestion, HostQuestions, MdnsError};
+    use std::vec;
     use std::vec::Vec;
 
     const ADDRESS: Ipv4Addr = Ipv4Addr::new(192, 168, 4, 20);
@@ -231,6 +264,58 @@ mod tests {
             let (_, length) = responder.answer(ADDRESS, NEIGHBOUR, &query, &mut answer).unwrap();
             let found = records(&answer[..length]);
             assert_eq!(found.iter().any(|(kind, ..)| *kind == Rtype::NSEC), hears, "{kind}");
+        }
+    }
+
+    /// Returns a query of these names and types, as resolvers put several questions into a packet.
+    fn questions(asked: &[(&[&str], Rtype)]) -> Vec<u8> {
+        let mut query = [0; 512];
+        let target = StaticCompressor::new(Buf::new(&mut query));
+        let mut builder = MessageBuilder::from_target(target).unwrap().question();
+        for (name, kind) in asked {
+            builder.push(Question::new(NameSlice::new(name), *kind, Class::IN)).unwrap();
+        }
+        builder.finish().as_slice().to_vec()
+    }
+
+    #[test]
+    fn several_questions_in_a_packet_are_answered_each_record_once() {
+        for letters in 1..NAME_LENGTH {
+            let name = "n".repeat(letters);
+            let (host, responder) = (host_name(&name), Responder::new(&name, 13549));
+            let host = [host.as_str(), DOMAIN];
+            let instance = [name.as_str(), SERVICE, PROTOCOL, DOMAIN];
+            let asked = [
+                (&instance[..], Rtype::SRV),
+                (&instance[..], Rtype::TXT),
+                (&host[..], Rtype::A),
+                (&host[..], Rtype::AAAA),
+            ];
+            let service: (&[&str], _) = (&[SERVICE, PROTOCOL, DOMAIN], Rtype::PTR);
+            let lists: [(Vec<_>, &[Rtype]); 6] = [
+                (asked[..2].to_vec(), &[Rtype::A, Rtype::SRV, Rtype::TXT]),
+                (asked[2..].to_vec(), &[Rtype::A, Rtype::NSEC]),
+                (asked.to_vec(), &[Rtype::A, Rtype::NSEC, Rtype::SRV, Rtype::TXT]),
+                (vec![service], &[Rtype::A, Rtype::SRV, Rtype::TXT, Rtype::PTR]),
+                (
+                    [&[service, service], &asked[..]].concat(),
+                    &[Rtype::A, Rtype::NSEC, Rtype::SRV, Rtype::TXT, Rtype::PTR],
+                ),
+                (vec![(&host[..], Rtype::TXT)], &[]),
+            ];
+            for from in [NEIGHBOUR, LEGACY] {
+                for (asked, wanted) in &lists {
+                    let mut answer = [0; ANSWER_LENGTH];
+                    let query = questions(asked);
+                    let answered = responder.answer(ADDRESS, from, &query, &mut answer);
+                    let length = answered.map_or(0, |(_, length)| length);
+                    let found = answered.map_or_else(Vec::new, |_| records(&answer[..length]));
+                    let mut found: Vec<_> = found.into_iter().map(|(kind, ..)| kind).collect();
+                    found.sort_by_key(|kind| wanted.iter().position(|it| it == kind));
+                    assert_eq!(found, *wanted, "{letters} letters from {from}: {asked:?}");
+                    assert!(length <= AMPLIFICATION * query.len());
+                }
+            }
         }
     }
 

@@ -84,3 +84,6 @@ pub const DEFAULT_PORT: u16 = 13549;
 
 /// DNS-SD service type under which robots announce themselves on the local network.
 pub const SERVICE_TYPE: &str = "_flix._udp.local.";
+
+/// Prefix of a robot's host name, before the robot's name in lower case.
+pub const HOST_PREFIX: &str = "flix-";
