@@ -84,7 +84,7 @@ impl RobotArgs {
     /// Finds the robot and its key.
     pub fn find(&self, interrupt: &Interrupt) -> Result<(SocketAddr, Key), Error> {
         let keyring = Keyring::of_user()?;
-        let (address, known) = self.locate(&keyring, interrupt)?;
+        let (address, known) = self.spelled(&keyring)?.locate(&keyring, interrupt)?;
         let Known { name: Some(name), offered: Some(offered), key } = known else {
             return Ok((address, known.key));
         };
@@ -99,13 +99,13 @@ impl RobotArgs {
     /// Finds the robot and stops it, by both of its keys at once where it is not known which it has.
     pub fn stop(&self, interrupt: &Interrupt) -> Result<(), Error> {
         let keyring = Keyring::of_user()?;
-        split_port(&self.robot).map_err(Error::usage)?;
-        let known = self.find_key(&keyring)?;
+        let spelled = self.spelled(&keyring)?;
+        let known = spelled.find_key(&keyring)?;
         let keys: Vec<_> = known.keys().collect();
         let (proved, others) = mpsc::channel();
-        let address = match self.own_address(&keyring)? {
+        let address = match spelled.own_address(&keyring)? {
             Some(address) => address,
-            None => self.search(&keyring, interrupt, |name| {
+            None => spelled.search(&keyring, interrupt, |name| {
                 let (name, interrupt) = (name.to_owned(), interrupt.clone());
                 let keys: Vec<Key> = known.keys().cloned().collect();
                 // It searches on while the first that it has found is asked to stop.
@@ -132,12 +132,19 @@ impl RobotArgs {
         Ok(())
     }
 
+    /// Names the robot as the keyring does, with the port that was typed.
+    fn spelled(&self, keyring: &Keyring) -> Result<Self, Error> {
+        let (host, port) = split_port(&self.robot).map_err(Error::usage)?;
+        let Some(name) = keyring.spelled(host) else { return Ok(self.clone()) };
+        let port = port.map_or_else(String::new, |port| format!(":{port}"));
+        Ok(Self { robot: name + &port, key: self.key.clone() })
+    }
+
     fn locate(
         &self,
         keyring: &Keyring,
         interrupt: &Interrupt,
     ) -> Result<(SocketAddr, Known), Error> {
-        split_port(&self.robot).map_err(Error::usage)?;
         let known = self.find_key(keyring)?;
         let address = match self.own_address(keyring)? {
             Some(address) => address,

@@ -13,8 +13,8 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use flix_protocol::provision;
 use flix_protocol::session::{self, Key};
+use flix_protocol::{HOST_PREFIX, SERVICE_TYPE, provision};
 use zeroize::Zeroizing;
 
 use crate::system::file;
@@ -214,6 +214,17 @@ impl Keyring {
         check_name(name).is_ok() && self.key_file(name).exists()
     }
 
+    /// Returns the name under which the key of a robot is kept: the name as typed, else the only one that differs from the typed name
+    /// in case or in the forms that other programs show (`walker-1.local`, `walker-1._flix._udp.local`, `flix-walker-1`).
+    #[must_use]
+    pub fn spelled(&self, typed: &str) -> Option<String> {
+        if self.contains(typed) {
+            return Some(typed.to_owned());
+        }
+        let mut alike = self.names().into_iter().filter(|name| plain(name) == plain(typed));
+        alike.next().filter(|_| alike.next().is_none())
+    }
+
     /// Returns the path of the key of this robot, whether it exists or not.
     #[must_use]
     pub fn key_file(&self, name: &str) -> PathBuf {
@@ -375,6 +386,16 @@ impl Keyring {
     }
 }
 
+/// Returns the label of a robot's name: without the domain, the type of the service and the prefix of the host name, in lower case.
+fn plain(name: &str) -> String {
+    let name = name.to_ascii_lowercase();
+    let name = name.strip_suffix('.').unwrap_or(&name);
+    let domains = [SERVICE_TYPE.trim_end_matches('.'), "local"];
+    let label = domains.iter().find_map(|domain| name.strip_suffix(domain)?.strip_suffix('.'));
+    let name = label.unwrap_or(name);
+    name.strip_prefix(HOST_PREFIX).unwrap_or(name).to_owned()
+}
+
 /// Checks the name of a robot: a label of a host name, as mDNS and file names need it.
 ///
 /// # Errors
@@ -401,6 +422,36 @@ mod tests {
         let key = generate().unwrap();
         keyring.store("walker-1", &key).unwrap();
         assert_eq!(keyring.key("walker-1").unwrap(), key);
+    }
+
+    #[test]
+    fn a_robot_is_found_by_each_spelling_of_its_name() {
+        let (_directory, keyring) = keyring();
+        for name in ["walker-1", "Big", "big", "flix-2", "2"] {
+            keyring.store(name, &generate().unwrap()).unwrap();
+        }
+        for typed in [
+            "walker-1",
+            "Walker-1",
+            "walker-1.",
+            "walker-1.local",
+            "WALKER-1.local.",
+            "walker-1._flix._udp.local",
+            "walker-1._flix._udp.local.",
+            "flix-walker-1",
+            "flix-walker-1.local",
+        ] {
+            assert_eq!(keyring.spelled(typed).as_deref(), Some("walker-1"), "{typed}");
+        }
+        // As typed first; two that differ in case alone, or by the prefix, are not told apart otherwise.
+        for (typed, name) in
+            [("Big", Some("Big")), ("BIG", None), ("2", Some("2")), ("2.local", None)]
+        {
+            assert_eq!(keyring.spelled(typed).as_deref(), name, "{typed}");
+        }
+        for typed in ["walker-2", "walker-1.lab", "local", ".local", "", "flix-", "walker-1local"] {
+            assert_eq!(keyring.spelled(typed), None, "{typed}");
+        }
     }
 
     #[test]
