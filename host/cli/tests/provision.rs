@@ -530,8 +530,9 @@ fn a_port_that_is_not_there_is_usage_with_what_to_look_for() {
 }
 
 #[test]
-fn a_silent_port_is_no_answer() {
+fn a_port_without_an_answer_shows_its_last_lines() {
     let operator = Operator::new();
     let robot = CabledRobot::with_trouble(u32::MAX, None);
-    operator.fails(&robot, &["--ssid", "lab"], 10, "no robot answers");
+    operator.fails(&robot, &["--ssid", "lab"], 10, "another firmware");
+    operator.fails(&robot, &["--ssid", "lab"], 10, "I (42) boot: not there yet");
 }

@@ -162,7 +162,9 @@ impl From<SerialError> for Error {
     fn from(error: SerialError) -> Self {
         let exit = match error {
             SerialError::Open { .. } => Exit::Usage,
-            SerialError::Port(_) | SerialError::Random(_) | SerialError::NoAnswer => Exit::NoAnswer,
+            SerialError::Port(_) | SerialError::Random(_) | SerialError::NoAnswer(_) => {
+                Exit::NoAnswer
+            }
             SerialError::Confused => Exit::Refused,
             SerialError::Refused(_) => Exit::NotNow,
             SerialError::Interrupted => Exit::Interrupted,

@@ -33,6 +33,7 @@ pub mod explain;
 pub mod keys;
 #[cfg(not(target_family = "wasm"))]
 mod path;
+mod port_log;
 mod robot_link;
 #[cfg(not(target_family = "wasm"))]
 pub mod serial;

@@ -1,7 +1,7 @@
 //! Provisioning over the serial port of the robot: name, network and key.
 //!
 //! [`flix_protocol::provision`] defines the frames. The port also carries the robot's log, which
-//! is skipped here, and opening it may restart the robot, so questions are repeated.
+//! is shown where no answer comes. Opening the port may restart the robot, so questions are repeated.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -16,6 +16,7 @@ use flix_protocol::session::Key;
 use serial2::SerialPort;
 use zeroize::Zeroize;
 
+pub use super::port_log::PortLog;
 use crate::system::interrupt::Interrupt;
 use crate::system::text::printable;
 
@@ -47,10 +48,8 @@ pub enum SerialError {
     #[error("the operating system gave no random numbers: {0}")]
     Random(#[from] getrandom::Error),
     /// No answer arrived.
-    #[error(
-        "no robot answers at this port: check the cable, that the robot's firmware is flashed, and that no other program has the port open"
-    )]
-    NoAnswer,
+    #[error("no robot answers at this port: {0}")]
+    NoAnswer(PortLog),
     /// The robot refused the request.
     #[error("the robot refused: {0}")]
     Refused(ProvisionRefusal),
@@ -153,7 +152,7 @@ impl SerialRobot {
         is_answer: impl Fn(&Answer) -> bool,
     ) -> Result<Answer, SerialError> {
         self.port.discard_input_buffer()?;
-        let mut reader = FrameReader::new();
+        let (mut reader, mut log) = (FrameReader::new(), PortLog::default());
         let (start, mut sent) = (Instant::now(), None::<Instant>);
         let mut bytes = [0; 256];
         while start.elapsed() < PATIENCE {
@@ -169,12 +168,13 @@ impl SerialRobot {
                 Err(error) if is_transient(&error) => 0,
                 Err(error) => return Err(error.into()),
             };
+            log.extend(&bytes[..length]);
             let mut answers = bytes[..length].iter().filter_map(|byte| reader.push(*byte));
             if let Some(answer) = answers.find(&is_answer) {
                 return Ok(answer);
             }
         }
-        Err(SerialError::NoAnswer)
+        Err(SerialError::NoAnswer(log))
     }
 }
 
