@@ -50,7 +50,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     } else if robots.is_empty() {
         return Err(Error::new(
             Exit::NoAnswer,
-            "no robot was found: check that it is on and in this network, and that the network forwards multicast; an address works without it",
+            "no robot was found: check that it is on and in this network, and that the network forwards multicast; guest networks and \
+             hotspots of phones often isolate devices from each other. Where they do not, an address works without multicast. On \
+             macOS, allow your terminal in System Settings, Privacy & Security, Local Network",
         ));
     } else {
         let mut rows = vec![headings("robot|address|key|board")];

@@ -110,6 +110,7 @@ impl From<LinkError> for Error {
     fn from(error: LinkError) -> Self {
         let exit = match &error {
             LinkError::Network(_)
+            | LinkError::Unsent { .. }
             | LinkError::Random(_)
             | LinkError::Connect(ConnectError::NoAnswer)
             | LinkError::NoneHere(_)

@@ -13,6 +13,14 @@ pub enum LinkError {
     /// The network failed.
     #[error("the network failed: {0}")]
     Network(String),
+    /// The operating system sends nothing to the robot.
+    #[error("this computer sends nothing to {to}: {why}")]
+    Unsent {
+        /// The robot's address.
+        to: SocketAddr,
+        /// The cause, and what to do.
+        why: &'static str,
+    },
     /// The operating system gave no randomness for the handshake.
     #[error("the operating system gave no random numbers for the handshake: {0}")]
     Random(String),

@@ -4,6 +4,7 @@ use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
+use super::LinkError;
 use crate::system::PASSING_SOCKET_ERRORS;
 
 /// Silence after which the system is asked by which address it would send now, and the time between two such questions: a
@@ -19,6 +20,8 @@ pub(super) struct Path {
     to: SocketAddr,
     socket: UdpSocket,
     look_at: Instant,
+    /// Why the system refused the last datagram; `None` where the system took it.
+    refused: Option<io::ErrorKind>,
 }
 
 impl Path {
@@ -26,8 +29,17 @@ impl Path {
     ///
     /// # Errors
     /// When the system has no socket, or no way there.
-    pub(super) fn to(to: SocketAddr) -> io::Result<Self> {
-        Ok(Self { to, socket: connect(to)?, look_at: Instant::now() + LOOK })
+    pub(super) fn to(to: SocketAddr) -> Result<Self, LinkError> {
+        let socket = connect(to).map_err(|error| match why_unsent(error.kind()) {
+            Some(why) => LinkError::Unsent { to, why },
+            None => error.into(),
+        })?;
+        Ok(Self { to, socket, look_at: Instant::now() + LOOK, refused: None })
+    }
+
+    /// Returns why nothing reaches the address, where the system refused the last datagram.
+    pub(super) fn unsent(&self) -> Option<LinkError> {
+        Some(LinkError::Unsent { to: self.to, why: why_unsent(self.refused?)? })
     }
 
     /// Returns the socket.
@@ -63,8 +75,10 @@ impl Path {
     ///
     /// # Errors
     /// When the network fails permanently.
-    pub(super) fn send(&self, datagram: &[u8]) -> io::Result<bool> {
-        Ok(transient(self.socket.send(datagram))?.is_some())
+    pub(super) fn send(&mut self, datagram: &[u8]) -> io::Result<bool> {
+        let sent = self.socket.send(datagram);
+        self.refused = sent.as_ref().err().map(io::Error::kind);
+        Ok(transient(sent)?.is_some())
     }
 
     /// Receives a datagram, and returns its length; `None` where none has arrived in time.
@@ -77,6 +91,24 @@ impl Path {
             self.look_at = Instant::now() + LOOK;
         }
         Ok(received)
+    }
+}
+
+/// Returns why a system sends nothing, and what to do, for errors that name a cause.
+const fn why_unsent(kind: io::ErrorKind) -> Option<&'static str> {
+    match kind {
+        io::ErrorKind::PermissionDenied => Some(
+            "its firewall refuses; allow this program there (macOS: System Settings, Privacy & Security, Local Network; \
+             Windows: Windows Security, Allow an app through firewall)",
+        ),
+        io::ErrorKind::HostUnreachable
+        | io::ErrorKind::NetworkUnreachable
+        | io::ErrorKind::NetworkDown
+        | io::ErrorKind::AddrNotAvailable => Some(
+            "it has no way there; is this computer in the robot's network, and the robot on? (macOS: allow your terminal in System \
+             Settings, Privacy & Security, Local Network)",
+        ),
+        _ => None,
     }
 }
 
@@ -134,6 +166,25 @@ mod tests {
         &[10_013, 10_022, 10_040, 10_050, 10_051, 10_052, 10_054, 10_055, 10_064, 10_065];
     #[cfg(not(any(target_os = "linux", windows)))]
     const PASSING: &[i32] = &[];
+
+    #[test]
+    fn a_datagram_that_the_system_refuses_is_an_error_with_a_remedy() {
+        // No socket sends to all hosts unless asked to: EACCES.
+        let to = (Ipv4Addr::BROADCAST, 9).into();
+        let refused = Path::to(to).err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(refused.contains("255.255.255.255") && refused.contains("firewall"), "{refused}");
+        let mut path = Path::to((Ipv4Addr::LOCALHOST, 9).into()).unwrap();
+        for (kind, word) in [
+            (io::ErrorKind::PermissionDenied, "firewall"),
+            (io::ErrorKind::NetworkUnreachable, "no way"),
+            (io::ErrorKind::HostUnreachable, "Local Network"),
+        ] {
+            path.refused = Some(kind);
+            assert!(path.unsent().unwrap().to_string().contains(word), "{kind}");
+        }
+        path.refused = Some(io::ErrorKind::ConnectionRefused);
+        assert_eq!(path.unsent(), None);
+    }
 
     #[test]
     fn a_network_that_is_away_or_busy_passes_and_a_broken_socket_does_not() {

@@ -226,6 +226,7 @@ impl RobotLink for Connection {
     fn no_session(&self, error: ConnectError) -> LinkError {
         match error {
             ConnectError::WrongKey if self.was_connected => LinkError::Revoked,
+            ConnectError::NoAnswer if let Some(unsent) = self.path.unsent() => unsent,
             error => no_session(self.path.peer(), error),
         }
     }
@@ -300,7 +301,8 @@ pub fn stop(
             if stops.iter().any(|(_, stop)| stop.is_challenged()) {
                 return Err(LinkError::StopUnacknowledged);
             }
-            return Err(no_session(address, failed));
+            let unsent = stops.iter().find_map(|(path, _)| path.unsent());
+            return Err(unsent.unwrap_or_else(|| no_session(address, failed)));
         }
         if interrupt.is_raised() {
             return Err(LinkError::Interrupted);
