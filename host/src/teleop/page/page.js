@@ -239,29 +239,32 @@ function askForSettings() { settingsAskedAt = performance.now(); send("settings"
 settings.ontoggle = () => { if (settings.open) askForSettings(); };
 // The robot counts in single precision.
 const short = (value) => Number(value.toPrecision(7));
+// What was typed is judged where the command line judges it: a field for numbers alone drops a decimal comma without a word. The
+// telephone's keys for numbers have no minus.
 function settingRow({ name, unit, minimum, maximum, default: usual, description }) {
-  const row = document.createElement("div"), label = document.createElement("label"), input = document.createElement("input"), help = document.createElement("small"), mark = document.createElement("em");
+  const row = document.createElement("div"), label = document.createElement("label"), input = document.createElement("input"), help = document.createElement("small"), mark = document.createElement("em"), refused = document.createElement("em");
   row.className = "setting";
   label.textContent = name;
   label.htmlFor = input.id = `setting-${name}`;
-  Object.assign(input, { type: "number", step: "any", min: short(minimum), max: short(maximum), required: true });
-  // Who scrolls the page, or reaches for f, changes no setting.
-  input.addEventListener("wheel", (event) => { if (document.activeElement === input) event.preventDefault(); }, { passive: false });
+  Object.assign(input, { type: "text", inputMode: minimum < 0 ? "text" : "decimal", autocomplete: "off", spellcheck: false });
+  Object.assign(refused, { className: "refused", id: `refused-${name}` });
+  refused.setAttribute("role", "alert");
+  input.setAttribute("aria-describedby", refused.id);
   const restore = () => { if (!("edited" in input.dataset)) input.value = input.dataset.robot; };
   input.onkeydown = (event) => {
-    if (event.key === "ArrowUp" || event.key === "ArrowDown") event.preventDefault();
     if (event.key === "Escape") { delete input.dataset.edited; restore(); }
   };
   input.oninput = () => { input.dataset.edited = ""; };
   input.onchange = (event) => {
     delete input.dataset.edited;
-    if (!input.reportValidity()) return restore();
-    act({ set: [name, input.valueAsNumber] }, event);
+    const request = { set: [name, input.value] };
+    if (isTooLong(request)) { write(refused.id, "This is longer than any number."); return restore(); }
+    act(request, event);
     // What nobody answers was not taken.
     setTimeout(restore, ASK_AGAIN_MS);
   };
   help.textContent = `${short(minimum)} to ${short(maximum)}, at first ${short(usual)}. ${description ?? ""}`;
-  row.append(label, input, Object.assign(document.createElement("span"), { textContent: unit === "1" ? "" : unit }), mark, help);
+  row.append(label, input, Object.assign(document.createElement("span"), { textContent: unit === "1" ? "" : unit }), mark, refused, help);
   byId("settings-list").append(row);
   settingInputs.set(name, input);
   return input;
@@ -274,13 +277,16 @@ function showSettings(list) {
     input.parentElement.classList.toggle("changed", one.value !== one.default);
     // On what is assumed a robot does not arm.
     const mark = input.parentElement.querySelector("em");
+    write(`refused-${one.name}`, one.refused ?? "");
+    input.setAttribute("aria-invalid", String(Boolean(one.refused)));
     mark.textContent = one.mark ?? "";
     mark.className = one.mark === "assumed" ? "assumed" : "";
   }
 }
 byId("settings-find").oninput = ({ target }) => {
-  const wanted = target.value.trim().toLowerCase();
-  for (const input of settingInputs.values()) input.parentElement.hidden = !input.parentElement.textContent.toLowerCase().includes(wanted);
+  // The space bar stops: words are found without it.
+  const plain = (text) => text.toLowerCase().replace(/[\s_-]/g, ""), wanted = plain(target.value);
+  for (const input of settingInputs.values()) input.parentElement.hidden = !plain(input.parentElement.textContent).includes(wanted);
 };
 
 // ---- scope: one chart for each unit

@@ -454,6 +454,24 @@ impl Desk {
         )
     }
 
+    /// Writes into the field of a setting as a person does, and waits until it shows this value, and the sentence at it.
+    fn type_in(&self, setting: &str, keys: &str, shown: &str) -> Outcome<()> {
+        let find = format!("const input = document.getElementById('setting-{setting}');");
+        self.until("a field", |desk| {
+            let focus = format!(
+                "{find} input.focus(); input.select(); return document.activeElement === input"
+            );
+            Ok(desk.browser.run(&focus)? == true)
+        })?;
+        for key in keys.chars() {
+            self.browser.press(key)?;
+        }
+        let look = format!("{find} if (document.activeElement === input) input.blur();
+                            const refused = document.getElementById('refused-{setting}').textContent;
+                            return [input.value, refused].join(' ').trim()");
+        self.until(shown, |desk| Ok(desk.browser.run(&look)? == shown))
+    }
+
     fn settings(&mut self) -> Outcome<()> {
         self.browser.go(&self.program.url)?;
         // What is shown first moves the page under a finger.
@@ -471,14 +489,34 @@ impl Desk {
         })?;
         self.change("current_limit", 1.75)?;
         self.change("current_limit", 2.0)?;
-        // What is out of range is said by the page, and not sent; Escape undoes what is not sent yet.
-        let refused = "const input = document.getElementById('setting-current_limit'); input.value = 99;
-                       input.dispatchEvent(new Event('change')); const refused = input.value;
-                       input.value = 1.2; input.dispatchEvent(new Event('input'));
-                       input.dispatchEvent(new KeyboardEvent('keydown', { key: 'Escape' })); input.blur();
-                       return [refused, input.value].join()";
-        if self.browser.run(refused)? != "2,2" {
-            return Err("99 A is no limit of a current".into());
+        // Keys of people who write a decimal comma, and the sign that pages print.
+        self.type_in("over_current", "2,6\u{e007}", "2.6")?;
+        self.type_in(
+            "over_current",
+            "1,500\u{e007}",
+            "2.6 over_current: `1,500` is not a number in A: write a decimal point, and no comma",
+        )?;
+        self.type_in("top_electrical_offset", "\u{2212}12\u{e007}", "-12")?;
+        self.type_in(
+            "current_limit",
+            "99\u{e007}",
+            "2 current_limit must be from 0.8 to 2.6 A, not 99",
+        )?;
+        // Escape undoes what is not sent yet.
+        self.type_in(
+            "current_limit",
+            "1.2\u{e00c}",
+            "2 current_limit must be from 0.8 to 2.6 A, not 99",
+        )?;
+        self.type_in("current_limit", "2.0\u{e007}", "2")?;
+        // Whoever looks for a setting finds its words without the space bar.
+        let find = "const find = document.getElementById('settings-find'); find.value = 'CurrentLimit';
+                    find.dispatchEvent(new Event('input'));
+                    const shown = [...document.querySelectorAll('.setting')].filter((row) => row.offsetParent).length;
+                    find.value = ''; find.dispatchEvent(new Event('input'));
+                    return shown";
+        if !self.browser.run(find)?.as_u64().is_some_and(|shown| (1..9).contains(&shown)) {
+            return Err("the words of a setting are not found without a blank".into());
         }
         self.until_armed()?;
         self.until("no change while armed", |desk| {
@@ -779,10 +817,11 @@ impl Desk {
         // A wheel over a field is none over its value.
         let wheel = "const input = document.getElementById('setting-current_limit');
                      input.disabled = false; input.focus();
-                     const wheel = new WheelEvent('wheel', { deltaY: 1, cancelable: true });
-                     const key = new KeyboardEvent('keydown', { key: 'ArrowUp', cancelable: true });
-                     input.dispatchEvent(wheel); input.dispatchEvent(key); input.blur();
-                     return wheel.defaultPrevented && key.defaultPrevented";
+                     const before = input.value;
+                     input.dispatchEvent(new WheelEvent('wheel', { deltaY: 1, cancelable: true }));
+                     const after = input.value;
+                     input.blur();
+                     return before !== '' && before === after && input.type === 'text'";
         if self.browser.run(wheel)? != true {
             return Err("a wheel changes a setting".into());
         }
