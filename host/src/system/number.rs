@@ -1,7 +1,5 @@
 //! Numbers with units, as people write them.
 
-use std::borrow::Cow;
-
 /// Prefixes of units, and what each multiplies by.
 const PREFIXES: [(&str, f64); 8] = [
     ("", 1.0),
@@ -29,7 +27,7 @@ const POSITIONS: [(&str, f64); 6] =
     [("on", 1.0), ("off", 0.0), ("true", 1.0), ("false", 0.0), ("yes", 1.0), ("no", 0.0)];
 
 /// Reads a number in `unit`, which may be written behind it, also with another prefix: `400ms` is 0.4 in `s`. A plain number
-/// (`unit` is `1`) may be the position of a switch: `on` is 1. A decimal comma counts as a point, unless it may set off thousands.
+/// (`unit` is `1`) may be the position of a switch: `on` is 1.
 ///
 /// # Errors
 /// When it is no finite number, or in another unit.
@@ -38,7 +36,7 @@ pub fn in_unit(text: &str, unit: &str) -> Result<f64, String> {
     // The sign that tables and pages print is another than that of the keyboard.
     let number = |text: &str| {
         let text = text.trim().replace('\u{2212}', "-");
-        with_point(&text)?.parse::<f64>().ok().filter(|number| number.is_finite())
+        text.parse::<f64>().ok().filter(|number| number.is_finite())
     };
     let position = || POSITIONS.iter().find(|it| it.0.eq_ignore_ascii_case(trimmed));
     let scaled = || {
@@ -55,15 +53,6 @@ pub fn in_unit(text: &str, unit: &str) -> Result<f64, String> {
     let of = if unit == "1" { String::new() } else { format!(" in {unit}") };
     let hint = if text.contains(',') { ": write a decimal point, and no comma" } else { "" };
     found.ok_or_else(|| format!("`{text}` is not a number{of}{hint}"))
-}
-
-/// Returns a number with a point for its decimal comma. `None` where the comma may set off thousands, as in 1,500.
-fn with_point(text: &str) -> Option<Cow<'_, str>> {
-    let Some((whole, rest)) = text.split_once(',') else { return Some(text.into()) };
-    let digits = rest.chars().take_while(char::is_ascii_digit).count();
-    let is_below_one = matches!(whole.trim_start_matches(['-', '+']), "" | "0");
-    let is_decimal = digits > 0 && (digits != 3 || is_below_one);
-    (is_decimal && !text.contains('.')).then(|| text.replace(',', ".").into())
 }
 
 /// Returns how many of `unit` this one is.
@@ -120,10 +109,6 @@ mod tests {
             ("1000\u{b5}H", "mH", 1.0),
             ("0.03 m", "mm", 30.0),
             ("30cm", "m", 0.3),
-            ("2,6", "A", 2.6),
-            ("\u{2212}0,125 Hz", "Hz", -0.125),
-            ("12,5e2mA", "A", 1.25),
-            ("0,4", "1", 0.4),
             ("\u{2212}30 Hz", "Hz", -30.0),
             ("30deg", "degrees", 30.0),
             ("30 degrees", "degrees", 30.0),
@@ -149,18 +134,17 @@ mod tests {
             ("NaN", "s"),
             ("infs", "s"),
             ("1.2.3 s", "s"),
-            ("1,500", "mA"),
-            ("12,000 mA", "mA"),
-            ("1,5,2", "A"),
-            ("1.500,5", "A"),
-            ("1,", "A"),
-            ("1,.5", "A"),
-            ("1,5A,2", "A"),
+            ("2,6", "A"),
+            ("1,500 mA", "mA"),
             ("5 S", "s"),
             ("5MS", "s"),
         ] {
             let refused = in_unit(text, unit).unwrap_err();
-            assert!(refused.contains(&format!("`{text}`")), "{text} {unit}: {refused}");
+            let is_hinted = refused.contains("decimal point") == text.contains(',');
+            assert!(
+                refused.contains(&format!("`{text}`")) && is_hinted,
+                "{text} {unit}: {refused}"
+            );
         }
     }
 }

@@ -239,14 +239,15 @@ function askForSettings() { settingsAskedAt = performance.now(); send("settings"
 settings.ontoggle = () => { if (settings.open) askForSettings(); };
 // The robot counts in single precision.
 const short = (value) => Number(value.toPrecision(7));
-// What was typed is judged where the command line judges it: a field for numbers alone drops a decimal comma without a word. The
-// telephone's keys for numbers have no minus.
+// What was typed is judged where the command line judges it: a field for numbers alone drops a decimal comma without a word. A
+// telephone's keys for numbers have no minus, and no point where its owner writes a comma.
+const HAS_POINT = (1.5).toLocaleString().includes(".");
 function settingRow({ name, unit, minimum, maximum, default: usual, description }) {
   const row = document.createElement("div"), label = document.createElement("label"), input = document.createElement("input"), help = document.createElement("small"), mark = document.createElement("em"), refused = document.createElement("em");
   row.className = "setting";
   label.textContent = name;
   label.htmlFor = input.id = `setting-${name}`;
-  Object.assign(input, { type: "text", inputMode: minimum < 0 ? "text" : "decimal", autocomplete: "off", spellcheck: false });
+  Object.assign(input, { type: "text", inputMode: minimum >= 0 && HAS_POINT ? "decimal" : "text", autocomplete: "off", spellcheck: false });
   Object.assign(refused, { className: "refused", id: `refused-${name}` });
   refused.setAttribute("role", "alert");
   input.setAttribute("aria-describedby", refused.id);

@@ -490,12 +490,11 @@ impl Desk {
         self.change("current_limit", 1.75)?;
         self.change("current_limit", 2.0)?;
         // Keys of people who write a decimal comma, and the sign that pages print.
-        self.type_in("over_current", "2,6\u{e007}", "2.6")?;
-        self.type_in(
-            "over_current",
-            "1,500\u{e007}",
-            "2.6 over_current: `1,500` is not a number in A: write a decimal point, and no comma",
-        )?;
+        self.type_in("over_current", "2.7\u{e007}", "2.7")?;
+        let comma =
+            "2.7 over_current: `2,6` is not a number in A: write a decimal point, and no comma";
+        self.type_in("over_current", "2,6\u{e007}", comma)?;
+        self.type_in("over_current", "2600mA\u{e007}", "2.6")?;
         self.type_in("top_electrical_offset", "\u{2212}12\u{e007}", "-12")?;
         self.type_in(
             "current_limit",
