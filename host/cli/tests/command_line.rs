@@ -66,6 +66,37 @@ impl Operator {
     }
 }
 
+/// A shell that runs this line for an operator, with `flix` as `$0`, the robot's address as `$1` and the key file as `$2`.
+fn shell(operator: &Operator, line: &str, address: &str) -> Ended {
+    let mut shell = Command::new("bash");
+    shell.args(["-c", line, env!("CARGO_BIN_EXE_flix"), address]).arg(&operator.key);
+    shell.env("XDG_CONFIG_HOME", operator.home.path()).env_remove("FLIX_KEY_FILE");
+    Ended(shell.current_dir(operator.home.path()).stdin(Stdio::null()).output().unwrap())
+}
+
+#[test]
+fn a_key_comes_by_a_pipe_or_standard_input_where_its_file_is_not_ones_own() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    std::fs::set_permissions(&operator.key, std::fs::Permissions::from_mode(0o644)).unwrap();
+    for line in [
+        r#"exec "$0" stop "$1" --key - < "$2""#,
+        r#"cat "$2" | "$0" stop "$1" --key -"#,
+        r#"exec "$0" stop "$1" --key <(cat "$2")"#,
+        r#"FLIX_KEY_FILE=- exec "$0" stop "$1" < "$2""#,
+    ] {
+        shell(&operator, line, &address).expect(0, &[]);
+        assert!(std::mem::take(&mut served.robot().stopped), "{line}");
+    }
+    let exposed = r#"exec "$0" stop "$1" --key "$2""#;
+    shell(&operator, exposed, &address).expect(2, &["chmod 600", "--key - <"]);
+    let twice = r#"exec "$0" parameters import "$1" - --key - <<< "$(echo [settings]; echo a=1)""#;
+    shell(&operator, twice, &address).expect(2, &["standard input", "read already"]);
+    // Who gives up is not held by a pipe that says nothing.
+    let silent = r#"exec timeout --signal INT --kill-after 5 1 "$0" stop "$1" --key <(sleep 9)"#;
+    shell(&operator, silent, &address).expect(124, &[]);
+}
+
 #[test]
 fn of_two_keys_the_one_that_the_robot_answers_by_is_used_and_kept() {
     let other = Key::new([9; 32]);

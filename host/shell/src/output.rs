@@ -12,7 +12,7 @@ use serde::{Serialize, Serializer};
 use terminal_size::{Width, terminal_size};
 
 use crate::Error;
-use flix_host::system::file;
+use flix_host::system::file::{self, STANDARD_STREAM};
 use flix_host::system::text::{printable, printable_lines};
 
 /// Prints a text on stdout, as far as it is one ([`printable_lines`]). A reader that has closed the pipe (`| head`) is not an error.
@@ -39,15 +39,15 @@ pub fn say(program: &str, sentence: impl fmt::Display) {
     let _ = writeln!(io::stderr(), "{program}: {}", printable_lines(&sentence.to_string()));
 }
 
-/// Name of standard input or output where a file is asked for.
-pub const STANDARD_STREAM: &str = "-";
-
 /// Reads a text file; `-` is standard input.
 ///
 /// # Errors
 /// As for [`file::read_text`].
 pub fn read_text(file: &Path) -> io::Result<String> {
-    if file == Path::new(STANDARD_STREAM) { file::text(io::stdin()) } else { file::read_text(file) }
+    match file == Path::new(STANDARD_STREAM) {
+        true => file::text(file::standard_input()?),
+        false => file::read_text(file),
+    }
 }
 
 /// Writes a text file; `-` is standard output.

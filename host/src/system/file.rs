@@ -5,6 +5,7 @@
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 #[cfg(not(target_family = "wasm"))]
 use crate::system::create_private;
@@ -137,6 +138,33 @@ pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
 /// As for [`read`], and when it is not UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
     text(open(path)?)
+}
+
+/// Name of standard input or output where a file is asked for.
+pub const STANDARD_STREAM: &str = "-";
+
+/// Returns standard input, which `-` names.
+///
+/// # Errors
+/// When it was taken before: it gives one file.
+pub fn standard_input() -> io::Result<io::Stdin> {
+    static IS_TAKEN: AtomicBool = AtomicBool::new(false);
+    match IS_TAKEN.swap(true, Ordering::Relaxed) {
+        false => Ok(io::stdin()),
+        true => Err(io::Error::other("standard input is one file alone, and read already")),
+    }
+}
+
+/// Returns whether this is a descriptor of this program by its name, as `<(...)` of a shell gives one.
+fn is_descriptor(path: &Path) -> bool {
+    ["/dev", "/proc"].iter().any(|folder| path.starts_with(folder))
+}
+
+/// Returns whether this can be read once alone: standard input, or a pipe by the name of its descriptor.
+#[must_use]
+pub fn is_read_once(path: &Path) -> bool {
+    let is_pipe = || matches!(kind(path), Ok(Some("a pipe")));
+    path == Path::new(STANDARD_STREAM) || (is_descriptor(path) && is_pipe())
 }
 
 /// Reads a source to its end, as [`read_text`] reads a file.
