@@ -98,6 +98,26 @@ fn a_key_comes_by_a_pipe_or_standard_input_where_its_file_is_not_ones_own() {
 }
 
 #[test]
+fn a_full_disk_leaves_an_exported_file_as_it_was_and_the_new_one_is_printed() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let file = operator.home.path().join("walker.toml");
+    std::fs::write(&file, "old").unwrap();
+    for line in [
+        r#"ulimit -f 0; exec "$0" parameters export "$1" walker.toml --key "$2""#,
+        r#"exec "$0" parameters export "$1" /dev/full --key "$2""#,
+    ] {
+        let ended = shell(&operator, line, &address);
+        assert_eq!(ended.code(), 2, "{}", ended.stderr());
+        assert!(ended.stdout().contains("[settings]"), "{}", ended.stdout());
+    }
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "old");
+    let line = r#"ln -s walker.toml link; exec "$0" parameters export "$1" link --key "$2""#;
+    assert_eq!(shell(&operator, line, &address).expect(0, &[]).stdout(), "");
+    assert!(std::fs::read_to_string(&file).unwrap().contains("[settings]"));
+}
+
+#[test]
 fn of_two_keys_the_one_that_the_robot_answers_by_is_used_and_kept() {
     let other = Key::new([9; 32]);
     for command in ["status", "stop"] {

@@ -1,5 +1,6 @@
 //! Options of an identification, and its stretches: what all commands that walk a robot in stretches share.
 
+use std::path::Path;
 use std::time::Duration;
 
 use flix_host::nav::{Area, Identification, IdentificationSettings, ModeTable};
@@ -9,7 +10,7 @@ use flix_protocol::message::Setpoint;
 use crate::Error;
 use crate::course::pairs;
 use crate::number::whole;
-use crate::output::{headings, table};
+use crate::output::{headings, print, table};
 use crate::time::duration;
 
 /// Options of an identification.
@@ -87,6 +88,19 @@ pub fn settings(
         least_battery: None,
         known: None,
     }
+}
+
+/// Prints a table that was measured, and writes it into its file; where that fails, the file is printed.
+///
+/// # Errors
+/// When it cannot be written or printed.
+pub fn save(modes: &ModeTable, remark: &str, path: &Path) -> Result<(), Error> {
+    let printed = print(&format!("{}{remark}\n", describe(modes)));
+    modes.save(path).inspect_err(|_| {
+        let _ = print(&modes.to_toml());
+    })?;
+    printed?;
+    print(&format!("written to {}\n", path.display()))
 }
 
 /// Returns the table as text.

@@ -50,7 +50,7 @@ pub fn read_text(file: &Path) -> io::Result<String> {
     }
 }
 
-/// Writes a text file; `-` is standard output.
+/// Writes a text file as [`file::overwrite`] does, and prints the text where it cannot be written; `-` is standard output.
 ///
 /// # Errors
 /// When it cannot be written.
@@ -61,7 +61,10 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
     // Opening a pipe waits for its reader, whatever signal comes.
     match file::kind(path) {
         Ok(Some("a pipe")) => Err(io::Error::other("it is a pipe: `-` is standard output")),
-        _ => std::fs::write(path, text),
+        _ => file::overwrite(path, text.as_bytes(), || {
+            // Of two errors that of the file is reported.
+            let _ = print(text);
+        }),
     }
     .map_err(|error| Error::usage(format_args!("{}: {error}", path.display())))
 }

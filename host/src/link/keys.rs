@@ -368,7 +368,7 @@ impl Keyring {
         check_name(name)?;
         self.create_directory()?;
         let path = self.address_file(name);
-        fs::write(&path, format!("{address}\n")).map_err(at(&path))
+        file::overwrite(&path, format!("{address}\n").as_bytes(), || ()).map_err(at(&path))
     }
 
     /// Returns the fixed address of this robot, if one is stored.
