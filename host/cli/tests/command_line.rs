@@ -98,6 +98,30 @@ fn a_key_comes_by_a_pipe_or_standard_input_where_its_file_is_not_ones_own() {
 }
 
 #[test]
+fn a_terminal_that_takes_nothing_holds_up_no_drive() {
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use std::os::unix::ffi::OsStringExt as _;
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let outside = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&outside).unwrap();
+    unlockpt(&outside).unwrap();
+    let name = std::ffi::OsString::from_vec(ptsname(&outside, Vec::new()).unwrap().into_bytes());
+    let terminal = std::fs::File::options().read(true).write(true).open(name).unwrap();
+    // As Ctrl-S does.
+    rustix::termios::tcflow(&terminal, rustix::termios::Action::OOff).unwrap();
+    let mut command = operator.command(&drive(&address, &["--json"]));
+    let output = command.stderr(terminal.try_clone().unwrap()).output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("{"), "the drive is reported");
+    // What is printed for its person alone is given up after a second, and the stop has left before.
+    let stop = operator.command(&["stop", &address]).stdout(terminal).output().unwrap();
+    let said = String::from_utf8_lossy(&stop.stderr);
+    assert!(stop.status.code() == Some(2) && said.contains("the terminal takes nothing"), "{said}");
+    assert!(served.robot().stopped);
+}
+
+#[test]
 fn a_full_disk_leaves_an_exported_file_as_it_was_and_the_new_one_is_printed() {
     let (_served, address) = serve(robot());
     let operator = Operator::new();

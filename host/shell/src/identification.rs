@@ -10,6 +10,7 @@ use flix_protocol::message::Setpoint;
 use crate::Error;
 use crate::course::pairs;
 use crate::number::whole;
+use crate::outlet::stdout;
 use crate::output::{headings, print, table};
 use crate::time::duration;
 
@@ -95,11 +96,11 @@ pub fn settings(
 /// # Errors
 /// When it cannot be written or printed.
 pub fn save(modes: &ModeTable, remark: &str, path: &Path) -> Result<(), Error> {
-    let printed = print(&format!("{}{remark}\n", describe(modes)));
+    // A terminal that takes nothing keeps no file from being written.
+    stdout().put(format!("{}{remark}\n", describe(modes)).as_bytes());
     modes.save(path).inspect_err(|_| {
         let _ = print(&modes.to_toml());
     })?;
-    printed?;
     print(&format!("written to {}\n", path.display()))
 }
 

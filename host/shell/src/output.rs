@@ -1,7 +1,7 @@
 //! Output of the commands: texts, JSON, tables and progress bars.
 
 use std::fmt;
-use std::io::{self, IsTerminal as _, Write};
+use std::io::{self, IsTerminal as _};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::Duration;
@@ -12,6 +12,7 @@ use serde::{Serialize, Serializer};
 use terminal_size::{Width, terminal_size};
 
 use crate::Error;
+use crate::outlet::{PATIENCE, drawn, stderr, stdout};
 use flix_host::system::file::{self, STANDARD_STREAM};
 use flix_host::system::text::{printable, printable_lines};
 
@@ -20,8 +21,18 @@ use flix_host::system::text::{printable, printable_lines};
 /// # Errors
 /// When stdout cannot be written.
 pub fn print(text: &str) -> Result<(), Error> {
-    let mut stdout = io::stdout().lock();
-    match stdout.write_all(printable_lines(text).as_bytes()).and_then(|()| stdout.flush()) {
+    // What was complained of before stands before it.
+    let _ = stderr().wait(Some(PATIENCE));
+    stdout().put(printable_lines(text).as_bytes());
+    printed()
+}
+
+/// Waits until all is printed that was [put](crate::outlet::Outlet::put) on stdout.
+///
+/// # Errors
+/// When stdout cannot be written, or is a terminal that takes nothing.
+pub fn printed() -> Result<(), Error> {
+    match stdout().wait(None) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(Error::usage(format_args!("stdout cannot be written: {error}")))
         }
@@ -36,7 +47,7 @@ pub fn complain(sentence: impl fmt::Display) {
 
 /// Prints what a program has to say on stderr, as [`complain`] does.
 pub fn say(program: &str, sentence: impl fmt::Display) {
-    let _ = writeln!(io::stderr(), "{program}: {}", printable_lines(&sentence.to_string()));
+    stderr().put(format!("{program}: {}\n", printable_lines(&sentence.to_string())).as_bytes());
 }
 
 /// Reads a text file; `-` is standard input.
@@ -142,7 +153,7 @@ pub fn headings(names: &str) -> Vec<String> {
 #[must_use]
 pub fn progress(duration: Duration) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:40} {elapsed} of {msg}");
-    let bar = ProgressBar::new(u64::try_from(duration.as_millis()).unwrap_or(u64::MAX));
+    let bar = drawn(ProgressBar::new(u64::try_from(duration.as_millis()).unwrap_or(u64::MAX)));
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.set_message(format!("{} s", duration.as_secs_f32()));
     bar
