@@ -33,7 +33,9 @@ Examples:
   flix cockpit --bind 0.0.0.0         also for the phones in this network
 
 The keys are those of `flix teleop`. Gamepad: stick or arrows walk and turn,
-shoulder buttons strafe, B stops, Start arms, Back disarms, Y clears.")]
+shoulder buttons strafe, the right button stops (B on Xbox, A on Nintendo,
+circle) and the lower one, too, while it walks; Start arms, Back disarms, the
+upper button clears.")]
 pub struct Args {
     #[command(flatten)]
     by_hand: ByHandArgs,

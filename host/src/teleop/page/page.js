@@ -334,7 +334,9 @@ function handOn({ index }) {
   return hands.get(index);
 }
 function forgetHands() { for (const hand of hands.values()) Object.assign(hand, { mode: undefined, neutral: false }); }
-const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" };
+const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" }, LOWER = 0;
+// B is the right button on Xbox, and the lower one on Nintendo: a robot that walks is stopped by either.
+const commandOf = (index) => (index === LOWER && (isWanted() || snapshot?.telemetry?.state === "running") ? "stop" : BUTTONS[index]);
 // A stick that commands goes on to until it is well below where it began.
 const DEAD_ZONE = 0.25, DEFLECTED = 0.6, KEPT = 0.4, LEAD = 0.1, UNTOUCHED_MS = 30000;
 // A browser may have none, or give none to a page that is not encrypted. One that cannot be read is none: what it drives
@@ -380,7 +382,7 @@ function readGamepad(gamepad, now) {
     return "of a layout that is not known: its buttons stop";
   }
   if (!isWatched) release(hand);
-  for (const command of pressed.map((index) => BUTTONS[index])) {
+  for (const command of pressed.map(commandOf)) {
     if (command && (hand.neutral || command === "stop" || command === "disarm")) send(command);
   }
   if (!isWatched) return "without the focus: it stops, and disarms";

@@ -726,6 +726,12 @@ impl Desk {
         self.pads(&format!("[null, window.pad(1, 'standard', window.stick), {pressed}]"))?;
         self.until_text("state", "stopped")?;
         self.arm()?;
+        // The lower button, which is B on a Nintendo pad, stops a robot that walks.
+        self.stick([0.0, 0.0])?;
+        self.walk(|desk| desk.push_from_neutral([0.0, -1.0]))?;
+        self.browser.run("window.buttons[0].pressed = true")?;
+        self.until_text("state", "stopped")?;
+        self.arm()?;
         // The second one drives, once it is touched; the first has a stick that drifts, and an axis without a number.
         self.stick([0.0, 0.0])?;
         let drifting = "window.pad(0, 'standard', [0.4, NaN])";
