@@ -247,7 +247,12 @@ fn strangers_are_refused(url: &str) -> Outcome<()> {
         (&wrong, host, None, 403),
         (path, &strange, None, 403),
         (path, host, Some("http://evil.example"), 403),
+        (&path[..path.len() - 1], host, None, 308),
+        (&wrong[..wrong.len() - 1], host, None, 403),
         (&socket(path), host, Some(own.as_str()), 101),
+        // As `ssh -L` forwards it.
+        (&socket(path), "localhost:8080", Some("http://localhost:8080"), 101),
+        (path, &format!("{host}\r\nHost: {host}"), None, 400),
         (&socket(&wrong), host, Some(&own), 403),
         (&socket(path), host, Some("http://evil.example"), 403),
         (&socket(path), host, None, 403),
