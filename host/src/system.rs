@@ -58,6 +58,25 @@ pub fn is_pipe(_kind: std::fs::FileType) -> bool {
     false
 }
 
+/// Returns a new file with the mode of an old one, and its owner.
+#[cfg(unix)]
+fn take_after(new: std::fs::File, old: &std::fs::Metadata) -> std::io::Result<std::fs::File> {
+    use std::os::unix::fs::{MetadataExt as _, fchown};
+    let present = new.metadata()?;
+    if (present.uid(), present.gid()) != (old.uid(), old.gid()) {
+        fchown(&new, Some(old.uid()), Some(old.gid()))?;
+    }
+    new.set_permissions(old.permissions())?;
+    Ok(new)
+}
+
+/// Returns a new file: elsewhere the folder gives it its owner.
+#[cfg(not(unix))]
+#[allow(clippy::unnecessary_wraps, reason = "as on other systems")]
+fn take_after(new: std::fs::File, _old: &std::fs::Metadata) -> std::io::Result<std::fs::File> {
+    Ok(new)
+}
+
 /// Raises a flag when it is dropped, also by a test that fails.
 #[cfg(test)]
 pub(crate) struct AtEnd<'a>(pub(crate) &'a std::sync::atomic::AtomicBool);

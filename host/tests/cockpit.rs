@@ -406,12 +406,12 @@ fn every_page_sees_the_settings_and_the_driver_changes_them() {
     assert_ne!(before, other);
     assert_eq!(room.cockpit.settings.entries(), room.robot.parameters);
 
-    room.ask(BOB, Request::Set(name.clone(), other));
+    room.ask(BOB, Request::Set(name.clone(), other.to_string()));
     assert_eq!(room.robot.parameters[0].value, before);
     assert!(room.log().contains("another page drives"), "{}", room.log());
 
     let revision = room.cockpit.settings.revision();
-    room.ask(ANNA, Request::Set(name.clone(), other));
+    room.ask(ANNA, Request::Set(name.clone(), other.to_string()));
     assert_eq!(room.robot.parameters[0].value, other);
     assert_eq!(room.cockpit.settings.value(&name), Some(other));
     assert!(room.cockpit.settings.revision() > revision);
@@ -425,9 +425,40 @@ fn a_refused_change_is_said_and_the_settings_are_read_again() {
     let mut room = Room::new();
     room.ask(ANNA, Request::Settings);
     let revision = room.cockpit.settings.revision();
-    room.ask(ANNA, Request::Set("no_such_setting".try_into().unwrap(), 1.0));
+    room.ask(ANNA, Request::Set("no_such_setting".try_into().unwrap(), "1".into()));
     assert!(room.log().contains("not done"), "{}", room.log());
     assert!(room.cockpit.settings.revision() > revision);
+}
+
+#[test]
+fn a_value_is_what_its_operator_wrote_or_is_refused_at_its_field() {
+    let mut room = Room::new();
+    room.ask(ANNA, Request::Settings);
+    let name = room.robot.parameters[0].name.clone();
+    let mut write = |text: &str| {
+        room.ask(ANNA, Request::Set(name.clone(), text.into()));
+        let refusal = room.cockpit.settings.refusal(&name).map(ToOwned::to_owned);
+        (room.robot.parameters[0].value, refusal)
+    };
+    assert_eq!(write("500 mA"), (0.5, None));
+    for text in [
+        "",
+        "2,6",
+        "1,500",
+        "\u{2212}1",
+        "26",
+        "1e39",
+        "NaN",
+        "1.2.3",
+        "2 V",
+        "on",
+        "0x1",
+        "\u{ff11}",
+    ] {
+        let (value, refusal) = write(text);
+        assert!(value == 0.5 && refusal.is_some(), "{text}: {value}, {refusal:?}");
+    }
+    assert_eq!(write("1.5"), (1.5, None));
 }
 
 #[test]
@@ -457,7 +488,7 @@ fn only_the_driver_begins_a_capture_and_wrong_channels_are_said() {
 fn a_change_that_is_too_old_is_not_done() {
     let mut room = Room::new();
     let (name, value) = (room.robot.parameters[0].name.clone(), room.robot.parameters[0].value);
-    let change = Request::Set(name, room.robot.parameters[0].minimum);
+    let change = Request::Set(name, room.robot.parameters[0].minimum.to_string());
     room.say(ANNA, Some(change), SIGN_OF_LIFE + FRAME).unwrap();
     room.run(Duration::from_millis(300));
     assert_eq!(room.robot.parameters[0].value, value);

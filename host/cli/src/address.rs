@@ -1,8 +1,8 @@
 //! Options that name a robot, and the search for its address and key.
 
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
-use std::path::PathBuf;
-use std::sync::mpsc;
+use std::path::{Path, PathBuf};
+use std::sync::{OnceLock, mpsc};
 use std::time::Duration;
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
@@ -11,7 +11,8 @@ use flix_protocol::session::Key;
 
 use flix_host::link::keys::{self, KEY_FILE_VARIABLE, KeyError, Keyring, SIMULATED_ROBOT};
 use flix_host::link::udp::{self, Connection};
-use flix_host::link::{RobotLink, discovery};
+use flix_host::link::{LinkError, RobotLink, discovery};
+use flix_host::system::file;
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::output::{complain, waiting};
 use flix_shell::{Error, Exit};
@@ -23,7 +24,7 @@ pub struct RobotArgs {
     /// this computer.
     #[arg(value_name = "ROBOT", env = ROBOT_VARIABLE, default_value = SIMULATED_ROBOT)]
     pub robot: String,
-    /// Key file [default: the robot's key in your keyring].
+    /// Key file; `-` is standard input [default: the robot's key in your keyring].
     #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE, value_parser = key_file())]
     pub key: Option<PathBuf>,
 }
@@ -83,24 +84,34 @@ impl RobotArgs {
 
     /// Finds the robot and its key.
     pub fn find(&self, interrupt: &Interrupt) -> Result<(SocketAddr, Key), Error> {
-        let keyring = Keyring::of_user()?;
+        let keyring = self.keyring()?;
         let (address, known) = self.spelled(&keyring)?.locate(&keyring, interrupt)?;
-        let Known { name: Some(name), offered: Some(offered), key } = known else {
+        let (Some(keyring), Known { name: Some(name), offered: Some(offered), key }) =
+            (keyring, &known)
+        else {
             return Ok((address, known.key));
         };
-        if discovery::proves(address, &offered, ANSWER_PATIENCE) {
-            settle(&keyring, &name, &offered);
-            return Ok((address, offered));
+        if discovery::proves(address, offered, ANSWER_PATIENCE) {
+            settle(&keyring, name, offered);
+            return Ok((address, offered.clone()));
         }
         complain(format_args!("{name} has not answered by its new key{FORMER}"));
-        Ok((address, key))
+        Ok((address, key.clone()))
+    }
+
+    /// Returns the keyring. Without a home directory there is none, and a key that is named needs none.
+    fn keyring(&self) -> Result<Option<Keyring>, KeyError> {
+        match (Keyring::of_user(), &self.key) {
+            (Err(KeyError::NoHome), Some(_)) => Ok(None),
+            (keyring, _) => keyring.map(Some),
+        }
     }
 
     /// Finds the robot and stops it, by both of its keys at once where it is not known which it has.
     pub fn stop(&self, interrupt: &Interrupt) -> Result<(), Error> {
-        let keyring = Keyring::of_user()?;
+        let keyring = self.keyring()?;
         let spelled = self.spelled(&keyring)?;
-        let known = spelled.find_key(&keyring)?;
+        let known = spelled.find_key(&keyring, interrupt)?;
         let keys: Vec<_> = known.keys().collect();
         let (proved, others) = mpsc::channel();
         let address = match spelled.own_address(&keyring)? {
@@ -122,9 +133,9 @@ impl RobotArgs {
         let at_rest = format_args!("{address} to acknowledge the stop and to come to rest");
         let more = || others.try_recv().ok();
         let by = waiting(at_rest, || udp::stop(address, &keys, interrupt, more))?;
-        match (&known.name, &known.offered) {
-            (Some(name), Some(offered)) if by == 0 => settle(&keyring, name, offered),
-            (Some(name), Some(_)) => {
+        match (&keyring, &known.name, &known.offered) {
+            (Some(keyring), Some(name), Some(offered)) if by == 0 => settle(keyring, name, offered),
+            (_, Some(name), Some(_)) => {
                 complain(format_args!("{name} was stopped by its former key{FORMER}"));
             }
             _ => {}
@@ -133,19 +144,20 @@ impl RobotArgs {
     }
 
     /// Names the robot as the keyring does, with the port that was typed.
-    fn spelled(&self, keyring: &Keyring) -> Result<Self, Error> {
+    fn spelled(&self, keyring: &Option<Keyring>) -> Result<Self, Error> {
         let (host, port) = split_port(&self.robot).map_err(Error::usage)?;
-        let Some(name) = keyring.spelled(host) else { return Ok(self.clone()) };
+        let name = keyring.as_ref().and_then(|keyring| keyring.spelled(host));
+        let Some(name) = name else { return Ok(self.clone()) };
         let port = port.map_or_else(String::new, |port| format!(":{port}"));
         Ok(Self { robot: name + &port, key: self.key.clone() })
     }
 
     fn locate(
         &self,
-        keyring: &Keyring,
+        keyring: &Option<Keyring>,
         interrupt: &Interrupt,
     ) -> Result<(SocketAddr, Known), Error> {
-        let known = self.find_key(keyring)?;
+        let known = self.find_key(keyring, interrupt)?;
         let address = match self.own_address(keyring)? {
             Some(address) => address,
             None => self.search(keyring, interrupt, |name| {
@@ -157,10 +169,11 @@ impl RobotArgs {
 
     /// Returns the key: the named file, else that of the robot's name or address in the keyring.
     /// Every address of this machine belongs to the simulated robot.
-    fn find_key(&self, keyring: &Keyring) -> Result<Known, KeyError> {
+    fn find_key(&self, keyring: &Option<Keyring>, interrupt: &Interrupt) -> Result<Known, Error> {
         if let Some(path) = &self.key {
-            return Ok(Known { name: None, key: keys::read(path)?, offered: None });
+            return Ok(Known { name: None, key: read_key(path, interrupt)?, offered: None });
         }
+        let keyring = keyring.as_ref().ok_or(KeyError::NoHome)?;
         let (host, _) = split_port(&self.robot).unwrap_or((&self.robot, None));
         let name = if keyring.contains(host) {
             Some(host.to_owned())
@@ -177,18 +190,20 @@ impl RobotArgs {
                 let offered = offered(keyring, &name);
                 Ok(Known { key: keyring.key(&name)?, offered, name: Some(name) })
             }
-            None => Err(KeyError::Unknown { robot: self.robot.clone(), names: keyring.names() }),
+            None => {
+                Err(KeyError::Unknown { robot: self.robot.clone(), names: keyring.names() }.into())
+            }
         }
     }
 
     /// Returns the address that is given, or known for the name.
-    fn own_address(&self, keyring: &Keyring) -> Result<Option<SocketAddr>, Error> {
+    fn own_address(&self, keyring: &Option<Keyring>) -> Result<Option<SocketAddr>, Error> {
         let (host, port) = split_port(&self.robot).map_err(Error::usage)?;
         let port = port.unwrap_or(DEFAULT_PORT);
         if let Ok(address) = host.parse::<IpAddr>() {
             return Ok(Some(SocketAddr::new(address, port)));
         }
-        if let Some(address) = keyring.address(host) {
+        if let Some(address) = keyring.as_ref().and_then(|it| it.address(host)) {
             let (host, own_port) = split_port(&address).map_err(Error::usage)?;
             let address = resolve(host, own_port.unwrap_or(port));
             return address.map(Some).ok_or_else(|| not_found(&self.robot));
@@ -199,25 +214,53 @@ impl RobotArgs {
     /// Finds an address by name: by `discover`, and where multicast does not work, as that of a machine.
     fn search(
         &self,
-        keyring: &Keyring,
+        keyring: &Option<Keyring>,
         interrupt: &Interrupt,
         discover: impl FnOnce(&str) -> Option<SocketAddr>,
     ) -> Result<SocketAddr, Error> {
         let (host, port) = split_port(&self.robot).map_err(Error::usage)?;
         let port = port.unwrap_or(DEFAULT_PORT);
         // A provisioned robot announces itself.
-        if keyring.contains(host)
+        if keyring.as_ref().is_some_and(|it| it.contains(host))
             && let Some(address) =
                 waiting(format_args!("{host} to be found in the network"), || discover(host))
         {
             return Ok(address);
         }
         if interrupt.is_raised() {
-            return Err(flix_host::link::LinkError::Interrupted.into());
+            return Err(LinkError::Interrupted.into());
         }
         resolve(host, port)
             .or_else(|| resolve(&format!("{host}.local"), port))
             .ok_or_else(|| not_found(&self.robot))
+    }
+}
+
+/// Pause between two looks at whether the person has given up.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// Reads the key that the person names. What can be read once is read once: some commands connect again and again.
+fn read_key(path: &Path, interrupt: &Interrupt) -> Result<Key, Error> {
+    static READ: OnceLock<Key> = OnceLock::new();
+    if !file::is_read_once(path) {
+        return Ok(keys::read(path)?);
+    }
+    if let Some(key) = READ.get() {
+        return Ok(key.clone());
+    }
+    let (send, read) = mpsc::channel();
+    let path = path.to_owned();
+    // Whoever writes a pipe may never do so.
+    std::thread::spawn(move || send.send(keys::read(&path)));
+    loop {
+        match read.recv_timeout(LOOK) {
+            Ok(key) => {
+                let key = key?;
+                return Ok(READ.get_or_init(|| key).clone());
+            }
+            Err(mpsc::RecvTimeoutError::Timeout) if !interrupt.is_raised() => {}
+            Err(_) => return Err(LinkError::Interrupted.into()),
+        }
     }
 }
 
@@ -314,12 +357,31 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let keyring = Keyring::in_directory(directory.path().to_owned());
         let simulated = keyring.key_or_new(SIMULATED_ROBOT).unwrap();
-        let find =
-            |robot: &str| RobotArgs { robot: robot.to_owned(), key: None }.find_key(&keyring);
+        let keyring = Some(keyring);
+        let find = |robot: &str| {
+            let args = RobotArgs { robot: robot.to_owned(), key: None };
+            args.find_key(&keyring, &Interrupt::never())
+        };
         for robot in ["127.0.0.1", "localhost:4000", "::1", "[::1]:9", "simulated"] {
             assert_eq!(find(robot).unwrap().key, simulated, "{robot}");
         }
-        assert!(matches!(find("10.0.0.7"), Err(KeyError::Unknown { .. })));
+        let unknown = find("10.0.0.7").err().unwrap().to_string();
+        assert!(unknown.contains("there is no key for 10.0.0.7"), "{unknown}");
+    }
+
+    #[test]
+    fn a_key_that_is_named_needs_no_home() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("robot.key");
+        let key = keys::generate().unwrap();
+        keys::write_new(&file, &key).unwrap();
+        let (robot, interrupt) = ("10.0.0.7:4000".to_owned(), Interrupt::never());
+        let args = RobotArgs { robot: robot.clone(), key: Some(file) };
+        let (address, known) = args.locate(&None, &interrupt).unwrap();
+        assert!(address == "10.0.0.7:4000".parse().unwrap() && known.key == key);
+        let args = RobotArgs { robot, key: None };
+        let refused = args.locate(&None, &interrupt).err().unwrap().to_string();
+        assert!(refused.contains("HOME") && refused.contains("--key"), "{refused}");
     }
 
     #[test]
@@ -328,9 +390,11 @@ mod tests {
         let keyring = Keyring::in_directory(directory.path().to_owned());
         let key = keyring.key_or_new("walker").unwrap();
         keyring.store_address("walker", "10.0.0.7").unwrap();
+        let keyring = Some(keyring);
         for robot in ["walker", "walker:99", "10.0.0.7", "10.0.0.7:4000"] {
             let args = RobotArgs { robot: robot.to_owned(), key: None };
-            assert_eq!(args.find_key(&keyring).unwrap().key, key, "{robot}");
+            let known = args.find_key(&keyring, &Interrupt::never()).unwrap();
+            assert_eq!(known.key, key, "{robot}");
         }
     }
 }

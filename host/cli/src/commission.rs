@@ -15,6 +15,7 @@ use flix_host::link::{LinkError, RobotLink};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
 use flix_shell::number::within;
+use flix_shell::outlet::drawn;
 use flix_shell::output::{headings, print, print_json, table};
 use flix_shell::{Error, Exit};
 
@@ -69,7 +70,7 @@ enum Found {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;
-    let bar = ProgressBar::new(Step::ALL.len() as u64);
+    let bar = drawn(ProgressBar::new(Step::ALL.len() as u64));
     let style = ProgressStyle::with_template("{bar:40} {pos} of {len}: {msg}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     let known = Known { rotor_inertia: args.inertia.map(|it| 1e-7 * it), battery: args.battery };

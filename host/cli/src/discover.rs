@@ -29,10 +29,11 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
-    let keyring = Keyring::of_user()?;
+    // Without a home directory no key is known.
+    let keyring = Keyring::of_user().ok();
     let simulated = keyring
-        .key(SIMULATED_ROBOT)
-        .ok()
+        .as_ref()
+        .and_then(|keyring| keyring.key(SIMULATED_ROBOT).ok())
         .and_then(|key| discovery::on_this_computer(SIMULATED_ROBOT, &key));
     let announced =
         waiting("robots to announce themselves", || discovery::browse(args.duration, &interrupt));
@@ -56,16 +57,16 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         ));
     } else {
         let mut rows = vec![headings("robot|address|key|board")];
-        rows.extend(robots.iter().map(|robot| row(robot, &keyring)));
+        rows.extend(robots.iter().map(|robot| row(robot, keyring.as_ref())));
         print(&table(&rows))?;
     }
     Ok(if robots.is_empty() { Exit::NoAnswer } else { Exit::Done }.into())
 }
 
-fn row(robot: &Found, keyring: &Keyring) -> Vec<String> {
+fn row(robot: &Found, keyring: Option<&Keyring>) -> Vec<String> {
     let address =
         robot.socket_address().map_or_else(|| "no address".to_owned(), |it| it.to_string());
-    let key = if keyring.contains(&robot.name) { "known" } else { "none" };
+    let key = if keyring.is_some_and(|it| it.contains(&robot.name)) { "known" } else { "none" };
     let board = robot.properties.get("board").cloned().unwrap_or_default();
     vec![robot.name.clone(), address, key.to_owned(), board]
 }

@@ -16,7 +16,7 @@ use flix_host::experiment::grid::{self, Grid};
 use flix_host::experiment::{Sheet, walks};
 use flix_host::nav::{Identification, IdentificationSettings, ModeTable};
 use flix_host::pilot::{Pilot, Recorded};
-use flix_shell::identification::{IdentificationArgs, describe};
+use flix_shell::identification::{IdentificationArgs, save};
 use flix_shell::number::within;
 use flix_shell::output::print;
 use flix_shell::{Error, Exit};
@@ -120,13 +120,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     verdict(&ending, stop, file.as_ref())?;
     let source = args.identification.source();
     let modes = identification.table(&args.robot.robot, &source)?;
-    modes.save(&args.files.modes)?;
     let assumed = match args.identification.rounds {
         1 => "\u{b1}: assumed, 30 % of the mean; two rounds or more measure it\n",
         _ => "",
     };
-    let (table, file) = (describe(&modes), args.files.modes.display());
-    print(&format!("{table}{assumed}\nwritten to {file}\n"))?;
+    save(&modes, assumed, &args.files.modes)?;
     unrecorded(error, args.files.record.unrecorded)?;
     Ok(Exit::Done.into())
 }

@@ -34,7 +34,7 @@ mod track;
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
-use flix_shell::{Error, Exit, output, parse};
+use flix_shell::{Error, Exit, outlet, output, parse};
 
 /// Drive, watch and record a Flix-Walker
 #[derive(Debug, Parser)]
@@ -131,13 +131,12 @@ pub fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(code) => return code,
     };
-    match cli.run() {
-        Ok(code) => code,
-        Err(error) => {
-            output::complain(&error);
-            error.exit.into()
-        }
-    }
+    let code = cli.run().unwrap_or_else(|error| {
+        output::complain(&error);
+        error.exit.into()
+    });
+    outlet::finish();
+    code
 }
 
 #[cfg(test)]

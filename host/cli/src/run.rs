@@ -23,6 +23,7 @@ use flix_host::pose::udp::UdpSource;
 use flix_host::record::{RecordError, Recorder, RunDescription};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
+use flix_shell::outlet::drawn;
 use flix_shell::output::{complain, waiting};
 use flix_shell::stream::StreamArgs;
 use flix_shell::{Error, Exit};
@@ -255,7 +256,7 @@ impl Run {
         message: impl Fn(&Pilot<H>) -> String,
         mut keep: impl FnMut(&H) -> Result<(), String>,
     ) -> Result<(Ending, f64), Error> {
-        let bar = ProgressBar::new_spinner();
+        let bar = drawn(ProgressBar::new_spinner());
         if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
             bar.set_style(style);
         }

@@ -66,6 +66,81 @@ impl Operator {
     }
 }
 
+/// A shell that runs this line for an operator, with `flix` as `$0`, the robot's address as `$1` and the key file as `$2`.
+fn shell(operator: &Operator, line: &str, address: &str) -> Ended {
+    let mut shell = Command::new("bash");
+    shell.args(["-c", line, env!("CARGO_BIN_EXE_flix"), address]).arg(&operator.key);
+    shell.env("XDG_CONFIG_HOME", operator.home.path()).env_remove("FLIX_KEY_FILE");
+    Ended(shell.current_dir(operator.home.path()).stdin(Stdio::null()).output().unwrap())
+}
+
+#[test]
+fn a_key_comes_by_a_pipe_or_standard_input_where_its_file_is_not_ones_own() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    std::fs::set_permissions(&operator.key, std::fs::Permissions::from_mode(0o644)).unwrap();
+    for line in [
+        r#"exec "$0" stop "$1" --key - < "$2""#,
+        r#"cat "$2" | "$0" stop "$1" --key -"#,
+        r#"exec "$0" stop "$1" --key <(cat "$2")"#,
+        r#"FLIX_KEY_FILE=- exec "$0" stop "$1" < "$2""#,
+    ] {
+        shell(&operator, line, &address).expect(0, &[]);
+        assert!(std::mem::take(&mut served.robot().stopped), "{line}");
+    }
+    let exposed = r#"exec "$0" stop "$1" --key "$2""#;
+    shell(&operator, exposed, &address).expect(2, &["chmod 600", "--key - <"]);
+    let twice = r#"exec "$0" parameters import "$1" - --key - <<< "$(echo [settings]; echo a=1)""#;
+    shell(&operator, twice, &address).expect(2, &["standard input", "read already"]);
+    // Who gives up is not held by a pipe that says nothing.
+    let silent = r#"exec timeout --signal INT --kill-after 5 1 "$0" stop "$1" --key <(sleep 9)"#;
+    shell(&operator, silent, &address).expect(124, &[]);
+}
+
+#[test]
+fn a_terminal_that_takes_nothing_holds_up_no_drive() {
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use std::os::unix::ffi::OsStringExt as _;
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let outside = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&outside).unwrap();
+    unlockpt(&outside).unwrap();
+    let name = std::ffi::OsString::from_vec(ptsname(&outside, Vec::new()).unwrap().into_bytes());
+    let terminal = std::fs::File::options().read(true).write(true).open(name).unwrap();
+    // As Ctrl-S does.
+    rustix::termios::tcflow(&terminal, rustix::termios::Action::OOff).unwrap();
+    let mut command = operator.command(&drive(&address, &["--json"]));
+    let output = command.stderr(terminal.try_clone().unwrap()).output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("{"), "the drive is reported");
+    // What is printed for its person alone is given up after a second, and the stop has left before.
+    let stop = operator.command(&["stop", &address]).stdout(terminal).output().unwrap();
+    let said = String::from_utf8_lossy(&stop.stderr);
+    assert!(stop.status.code() == Some(2) && said.contains("the terminal takes nothing"), "{said}");
+    assert!(served.robot().stopped);
+}
+
+#[test]
+fn a_full_disk_leaves_an_exported_file_as_it_was_and_the_new_one_is_printed() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let file = operator.home.path().join("walker.toml");
+    std::fs::write(&file, "old").unwrap();
+    for line in [
+        r#"ulimit -f 0; exec "$0" parameters export "$1" walker.toml --key "$2""#,
+        r#"exec "$0" parameters export "$1" /dev/full --key "$2""#,
+    ] {
+        let ended = shell(&operator, line, &address);
+        assert_eq!(ended.code(), 2, "{}", ended.stderr());
+        assert!(ended.stdout().contains("[settings]"), "{}", ended.stdout());
+    }
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "old");
+    let line = r#"ln -s walker.toml link; exec "$0" parameters export "$1" link --key "$2""#;
+    assert_eq!(shell(&operator, line, &address).expect(0, &[]).stdout(), "");
+    assert!(std::fs::read_to_string(&file).unwrap().contains("[settings]"));
+}
+
 #[test]
 fn of_two_keys_the_one_that_the_robot_answers_by_is_used_and_kept() {
     let other = Key::new([9; 32]);

@@ -1,5 +1,6 @@
 //! Options of an identification, and its stretches: what all commands that walk a robot in stretches share.
 
+use std::path::Path;
 use std::time::Duration;
 
 use flix_host::nav::{Area, Identification, IdentificationSettings, ModeTable};
@@ -9,7 +10,8 @@ use flix_protocol::message::Setpoint;
 use crate::Error;
 use crate::course::pairs;
 use crate::number::whole;
-use crate::output::{headings, table};
+use crate::outlet::stdout;
+use crate::output::{headings, print, table};
 use crate::time::duration;
 
 /// Options of an identification.
@@ -87,6 +89,19 @@ pub fn settings(
         least_battery: None,
         known: None,
     }
+}
+
+/// Prints a table that was measured, and writes it into its file; where that fails, the file is printed.
+///
+/// # Errors
+/// When it cannot be written or printed.
+pub fn save(modes: &ModeTable, remark: &str, path: &Path) -> Result<(), Error> {
+    // A terminal that takes nothing keeps no file from being written.
+    stdout().put(format!("{}{remark}\n", describe(modes)).as_bytes());
+    modes.save(path).inspect_err(|_| {
+        let _ = print(&modes.to_toml());
+    })?;
+    print(&format!("written to {}\n", path.display()))
 }
 
 /// Returns the table as text.

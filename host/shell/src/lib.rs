@@ -6,6 +6,7 @@
 //! | [`Exit`], [`Error`] | exit codes for scripts, sentences for people |
 //! | [`number`], [`time`] | read numbers and durations within their limits |
 //! | [`output`] | prints texts, JSON, tables and progress bars |
+//! | [`outlet`] | standard output and error, which hold up nobody |
 //! | [`course`], [`identification`] | options of a path, of steering, of an identification |
 //! | [`stream`] | `--foxglove` |
 //! | [`suggestion`] | what may have been meant |
@@ -21,6 +22,7 @@ mod foxglove_front;
 pub mod identification;
 pub mod man;
 pub mod number;
+pub mod outlet;
 pub mod output;
 pub mod stream;
 pub mod suggestion;

@@ -1,7 +1,7 @@
 //! Output of the commands: texts, JSON, tables and progress bars.
 
 use std::fmt;
-use std::io::{self, IsTerminal as _, Write};
+use std::io::{self, IsTerminal as _};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::Duration;
@@ -12,7 +12,8 @@ use serde::{Serialize, Serializer};
 use terminal_size::{Width, terminal_size};
 
 use crate::Error;
-use flix_host::system::file;
+use crate::outlet::{PATIENCE, drawn, stderr, stdout};
+use flix_host::system::file::{self, STANDARD_STREAM};
 use flix_host::system::text::{printable, printable_lines};
 
 /// Prints a text on stdout, as far as it is one ([`printable_lines`]). A reader that has closed the pipe (`| head`) is not an error.
@@ -20,8 +21,18 @@ use flix_host::system::text::{printable, printable_lines};
 /// # Errors
 /// When stdout cannot be written.
 pub fn print(text: &str) -> Result<(), Error> {
-    let mut stdout = io::stdout().lock();
-    match stdout.write_all(printable_lines(text).as_bytes()).and_then(|()| stdout.flush()) {
+    // What was complained of before stands before it.
+    let _ = stderr().wait(Some(PATIENCE));
+    stdout().put(printable_lines(text).as_bytes());
+    printed()
+}
+
+/// Waits until all is printed that was [put](crate::outlet::Outlet::put) on stdout.
+///
+/// # Errors
+/// When stdout cannot be written, or is a terminal that takes nothing.
+pub fn printed() -> Result<(), Error> {
+    match stdout().wait(None) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(Error::usage(format_args!("stdout cannot be written: {error}")))
         }
@@ -36,21 +47,21 @@ pub fn complain(sentence: impl fmt::Display) {
 
 /// Prints what a program has to say on stderr, as [`complain`] does.
 pub fn say(program: &str, sentence: impl fmt::Display) {
-    let _ = writeln!(io::stderr(), "{program}: {}", printable_lines(&sentence.to_string()));
+    stderr().put(format!("{program}: {}\n", printable_lines(&sentence.to_string())).as_bytes());
 }
-
-/// Name of standard input or output where a file is asked for.
-pub const STANDARD_STREAM: &str = "-";
 
 /// Reads a text file; `-` is standard input.
 ///
 /// # Errors
 /// As for [`file::read_text`].
 pub fn read_text(file: &Path) -> io::Result<String> {
-    if file == Path::new(STANDARD_STREAM) { file::text(io::stdin()) } else { file::read_text(file) }
+    match file == Path::new(STANDARD_STREAM) {
+        true => file::text(file::standard_input()?),
+        false => file::read_text(file),
+    }
 }
 
-/// Writes a text file; `-` is standard output.
+/// Writes a text file as [`file::overwrite`] does, and prints the text where it cannot be written; `-` is standard output.
 ///
 /// # Errors
 /// When it cannot be written.
@@ -61,7 +72,10 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
     // Opening a pipe waits for its reader, whatever signal comes.
     match file::kind(path) {
         Ok(Some("a pipe")) => Err(io::Error::other("it is a pipe: `-` is standard output")),
-        _ => std::fs::write(path, text),
+        _ => file::overwrite(path, text.as_bytes(), || {
+            // Of two errors that of the file is reported.
+            let _ = print(text);
+        }),
     }
     .map_err(|error| Error::usage(format_args!("{}: {error}", path.display())))
 }
@@ -139,7 +153,7 @@ pub fn headings(names: &str) -> Vec<String> {
 #[must_use]
 pub fn progress(duration: Duration) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:40} {elapsed} of {msg}");
-    let bar = ProgressBar::new(u64::try_from(duration.as_millis()).unwrap_or(u64::MAX));
+    let bar = drawn(ProgressBar::new(u64::try_from(duration.as_millis()).unwrap_or(u64::MAX)));
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.set_message(format!("{} s", duration.as_secs_f32()));
     bar

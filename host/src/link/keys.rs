@@ -9,7 +9,7 @@
 //! A file that other users can read is refused, as ssh does.
 
 use std::fs::{self, File, TryLockError};
-use std::io::{self, Read};
+use std::io::{self, IsTerminal as _, Read as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -44,8 +44,8 @@ pub enum KeyError {
     Random(getrandom::Error),
     /// Other users can read the file.
     #[error(
-        "the key file {} can be read by others (mode {mode:03o}): run `chmod 600 {}`, and make a new key if it may have been read",
-        path.display(), path.display()
+        "the key file {} can be read by others (mode {mode:03o}): run `chmod 600 {}`, and make a new key if it may have been read; where its mode cannot be changed, as of a secret that is mounted, give `--key - < {}`",
+        path.display(), path.display(), path.display()
     )]
     Exposed {
         /// The file.
@@ -91,7 +91,9 @@ pub enum KeyError {
     )]
     Name(String),
     /// No environment variable leads to the directory of the user.
-    #[error("there is no home directory to keep keys in: set HOME or XDG_CONFIG_HOME")]
+    #[error(
+        "there is no home directory to keep keys in: set HOME or XDG_CONFIG_HOME, or give a key with --key FILE"
+    )]
     NoHome,
     /// A file or directory could not be used.
     #[error("{}: {source}", path.display())]
@@ -128,15 +130,28 @@ pub fn generate() -> Result<Key, KeyError> {
     Ok(Key::new(*bytes))
 }
 
-/// Reads a key file.
+/// Reads a key file; `-` is standard input. What [can be read once](file::is_read_once) is waited for.
 ///
 /// # Errors
-/// When it cannot be read, is not a key file, or other users can read it.
+/// When it cannot be read, is not a key file, or other users can read it; when standard input is a terminal, which would show it.
 pub fn read(path: &Path) -> Result<Key, KeyError> {
-    let file = file::open(path).map_err(at(path))?;
-    refuse_exposed(path, &file)?;
     let mut text = Zeroizing::new(String::new());
-    file.take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(at(path))?;
+    if path == Path::new(file::STANDARD_STREAM) {
+        let input = file::standard_input().map_err(at(path))?;
+        if input.is_terminal() {
+            let shown = "a terminal would show the key: write `--key - < FILE`";
+            return Err(at(path)(io::Error::other(shown)));
+        }
+        input.lock().take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(at(path))?;
+    } else {
+        let file = match file::is_read_once(path) {
+            true => File::open(path),
+            false => file::open(path),
+        };
+        let file = file.map_err(at(path))?;
+        refuse_exposed(path, &file)?;
+        file.take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(at(path))?;
+    }
     // As some editors begin a file.
     let text = text.trim_start_matches('\u{feff}');
     text.parse().map_err(|source| KeyError::Malformed { path: path.to_owned(), source })
@@ -364,7 +379,7 @@ impl Keyring {
         check_name(name)?;
         self.create_directory()?;
         let path = self.address_file(name);
-        fs::write(&path, format!("{address}\n")).map_err(at(&path))
+        file::overwrite(&path, format!("{address}\n").as_bytes(), || ()).map_err(at(&path))
     }
 
     /// Returns the fixed address of this robot, if one is stored.

@@ -235,7 +235,7 @@ impl ModeTable {
             .map_err(|source| ModeTableError::Write { path: path.to_owned(), source })
     }
 
-    /// Writes a file, and creates its folder where needed.
+    /// Writes a file, and creates its folder where needed. A file that is there stays whole until the new one is.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -244,7 +244,7 @@ impl ModeTable {
         if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).map_err(failed)?;
         }
-        std::fs::write(path, self.to_toml()).map_err(failed)
+        crate::system::file::overwrite(path, self.to_toml().as_bytes(), || ()).map_err(failed)
     }
 
     /// Returns the modes, in the order of the table.

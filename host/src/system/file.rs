@@ -3,12 +3,13 @@
 //! A pipe waits for its writer and a device may never end: neither is opened.
 
 use std::fs::{self, File};
-use std::io::{self, Read};
+use std::io::{self, Read, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 #[cfg(not(target_family = "wasm"))]
 use crate::system::create_private;
-use crate::system::is_pipe;
+use crate::system::{is_pipe, take_after};
 
 /// Largest text that is read as settings, waypoints, a model or a table, bytes.
 pub const LARGEST_TEXT: u64 = 16 << 20;
@@ -63,6 +64,47 @@ pub fn replace<T, E: From<io::Error>>(
     write: impl FnOnce(&File) -> Result<T, E>,
 ) -> Result<T, E> {
     write_beside(path, |new| File::create_new(new), write, |new| fs::rename(new, path))
+}
+
+/// Errors that say that no file can be written beside this one, or take its place: a folder that cannot be written, a file that is
+/// mounted by itself, a name that is as long as names may be.
+const NOT_BESIDE: [io::ErrorKind; 5] = [
+    io::ErrorKind::PermissionDenied,
+    io::ErrorKind::ReadOnlyFilesystem,
+    io::ErrorKind::ResourceBusy,
+    io::ErrorKind::CrossesDevices,
+    io::ErrorKind::InvalidFilename,
+];
+
+/// Writes a file that a person names. A file that is there already stays whole until the new one is, whatever fails: a full disk, a
+/// kill. Links are followed, its mode and owner stay; devices and pipes are written as they are.
+///
+/// `show` shows the bytes to the person: after an error, or before a file is overwritten in its place, where nothing can be written
+/// beside it.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn overwrite(path: &Path, bytes: &[u8], show: impl FnOnce()) -> io::Result<()> {
+    let write = |mut file: &File| file.write_all(bytes);
+    let in_place = || File::create(path).and_then(|file| write(&file));
+    let placed = match fs::metadata(path) {
+        Ok(old) if old.is_file() && !is_descriptor(path) => {
+            // What may not be written is not replaced.
+            let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+            let create = |new: &Path| File::create_new(new).and_then(|new| take_after(new, &old));
+            let put = |new: &Path| fs::rename(new, &target);
+            let may = File::options().append(true).open(path);
+            may.and_then(|_| write_beside(&target, create, write, put))
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound && !path.is_symlink() => {
+            replace(path, write)
+        }
+        _ => return in_place().inspect_err(|_| show()),
+    };
+    placed.or_else(|error| {
+        show();
+        if NOT_BESIDE.contains(&error.kind()) { in_place() } else { Err(error) }
+    })
 }
 
 /// Writes a new file that only its owner can read; a cut of power leaves it whole or not at all.
@@ -139,6 +181,33 @@ pub fn read_text(path: &Path) -> io::Result<String> {
     text(open(path)?)
 }
 
+/// Name of standard input or output where a file is asked for.
+pub const STANDARD_STREAM: &str = "-";
+
+/// Returns standard input, which `-` names.
+///
+/// # Errors
+/// When it was taken before: it gives one file.
+pub fn standard_input() -> io::Result<io::Stdin> {
+    static IS_TAKEN: AtomicBool = AtomicBool::new(false);
+    match IS_TAKEN.swap(true, Ordering::Relaxed) {
+        false => Ok(io::stdin()),
+        true => Err(io::Error::other("standard input is one file alone, and read already")),
+    }
+}
+
+/// Returns whether this is a descriptor of this program by its name, as `<(...)` of a shell gives one.
+fn is_descriptor(path: &Path) -> bool {
+    ["/dev", "/proc"].iter().any(|folder| path.starts_with(folder))
+}
+
+/// Returns whether this can be read once alone: standard input, or a pipe by the name of its descriptor.
+#[must_use]
+pub fn is_read_once(path: &Path) -> bool {
+    let is_pipe = || matches!(kind(path), Ok(Some("a pipe")));
+    path == Path::new(STANDARD_STREAM) || (is_descriptor(path) && is_pipe())
+}
+
 /// Reads a source to its end, as [`read_text`] reads a file.
 ///
 /// # Errors
@@ -194,6 +263,37 @@ mod tests {
             replace(&at("new"), |file| write("sec")(file).and(Err(io::Error::other("full"))));
         assert!(failed.is_err() && !at("new.part").exists());
         assert_eq!(fs::read_to_string(at("new")).unwrap(), "first");
+    }
+
+    #[test]
+    fn a_file_that_a_person_names_keeps_its_links_mode_and_old_content_until_it_is_whole() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o7777;
+        fs::write(at("old"), "old").unwrap();
+        fs::set_permissions(at("old"), fs::Permissions::from_mode(0o640)).unwrap();
+        std::os::unix::fs::symlink("old", at("link")).unwrap();
+        std::os::unix::fs::symlink("later", at("ahead")).unwrap();
+        for name in ["link", "ahead", "new"] {
+            overwrite(&at(name), b"first", || panic!("{name}")).unwrap();
+            assert_eq!(fs::read_to_string(at(name)).unwrap(), "first");
+        }
+        assert!(at("link").is_symlink() && at("ahead").is_symlink() && mode(&at("old")) == 0o640);
+        // Nothing fits beside the longest name.
+        let long = at(&"n".repeat(255));
+        fs::write(&long, "old").unwrap();
+        let shown = std::cell::Cell::new(0);
+        let show = || shown.set(shown.get() + 1);
+        overwrite(&long, b"new", show).unwrap();
+        assert_eq!((fs::read_to_string(&long).unwrap().as_str(), shown.get()), ("new", 1));
+        // A device stays one, and one that is full is said.
+        overwrite(Path::new("/dev/null"), b"new", show).unwrap();
+        assert!(!fs::metadata("/dev/null").unwrap().is_file());
+        overwrite(Path::new("/dev/full"), b"new", show).unwrap_err();
+        overwrite(folder.path(), b"new", show).unwrap_err();
+        assert_eq!(shown.get(), 3);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 6);
     }
 
     #[test]

@@ -50,10 +50,9 @@ pub fn in_unit(text: &str, unit: &str) -> Result<f64, String> {
         "1" => number(trimmed).or_else(|| Some(position()?.1)),
         _ => number(trimmed).or_else(scaled),
     };
-    found.ok_or_else(|| match unit {
-        "1" => format!("`{text}` is not a number"),
-        _ => format!("`{text}` is not a number in {unit}"),
-    })
+    let of = if unit == "1" { String::new() } else { format!(" in {unit}") };
+    let hint = if text.contains(',') { ": write a decimal point, and no comma" } else { "" };
+    found.ok_or_else(|| format!("`{text}` is not a number{of}{hint}"))
 }
 
 /// Returns how many of `unit` this one is.
@@ -135,11 +134,17 @@ mod tests {
             ("NaN", "s"),
             ("infs", "s"),
             ("1.2.3 s", "s"),
+            ("2,6", "A"),
+            ("1,500 mA", "mA"),
             ("5 S", "s"),
             ("5MS", "s"),
         ] {
             let refused = in_unit(text, unit).unwrap_err();
-            assert!(refused.contains(&format!("`{text}`")), "{text} {unit}: {refused}");
+            let is_hinted = refused.contains("decimal point") == text.contains(',');
+            assert!(
+                refused.contains(&format!("`{text}`")) && is_hinted,
+                "{text} {unit}: {refused}"
+            );
         }
     }
 }

@@ -1,11 +1,34 @@
 //! The robot's settings on a screen: reads all of them, changes and saves them over the running link.
 
-use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand};
+use flix_protocol::message::{Command, Name, Outcome, Parameter, ParameterCommand, Refusal};
 use flix_protocol::settings::description;
 use flix_protocol::units::Instant;
 use serde::Serialize;
 
 use crate::link::Client;
+use crate::system::number::in_unit;
+
+/// Reads a value as a person writes it: a number within the range that the robot states, in the unit of the setting or with
+/// another one behind it, or the position of a switch.
+///
+/// # Errors
+/// With a sentence that names the setting, when the text is no such value.
+pub fn read_value(parameter: &Parameter, text: &str) -> Result<f32, String> {
+    let Parameter { name, unit, minimum, maximum, .. } = parameter;
+    let is_switch = (*minimum, *maximum) == (0.0, 1.0);
+    let is_word = !text.contains(|it: char| it.is_ascii_digit());
+    let value = match in_unit(text, unit) {
+        Ok(value) if is_switch || !is_word => value as f32,
+        Ok(_) => return Err(format!("{name}: `{text}` is not a number")),
+        Err(why) => return Err(format!("{name}: {why}")),
+    };
+    if (*minimum..=*maximum).contains(&value) {
+        return Ok(value);
+    }
+    let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
+    let refusal = Refusal::OutOfRange { name: name.clone(), minimum: *minimum, maximum: *maximum };
+    Err(format!("{refusal}{unit}, not {value}"))
+}
 
 /// The settings of a robot, as far as they were asked for.
 #[derive(Debug, Clone, Default)]
@@ -15,7 +38,9 @@ pub struct Settings {
     /// Entries of a reading that is under way.
     arriving: Vec<Parameter>,
     reading: Option<u32>,
-    changing: Vec<u32>,
+    changing: Vec<(u32, Name)>,
+    /// The change that was refused last, and why.
+    refused: Option<(Name, String)>,
     saving: Option<u32>,
 }
 
@@ -37,7 +62,7 @@ impl Settings {
         &self.entries
     }
 
-    /// Returns a number that grows whenever the settings were read as a whole.
+    /// Returns a number that grows whenever the settings were read as a whole, or a change of one was asked for.
     #[must_use]
     pub const fn revision(&self) -> u32 {
         self.revision
@@ -67,10 +92,33 @@ impl Settings {
         }
     }
 
-    /// Changes one setting until power-off, and reads all again: one may bound others.
-    pub fn set(&mut self, name: Name, value: f32, client: &mut Client, now: Instant) {
-        let command = ParameterCommand::Set(name, value);
-        self.changing.push(client.request(now, Command::Parameter(command)));
+    /// Returns why this setting was not changed, if its change was the last one that was refused.
+    #[must_use]
+    pub fn refusal(&self, name: &str) -> Option<&str> {
+        self.refused.as_ref().filter(|(refused, _)| refused == name).map(|(_, why)| why.as_str())
+    }
+
+    /// Changes one setting until power-off to what a person has written ([`read_value`]), and reads all again: one may bound
+    /// others.
+    ///
+    /// # Errors
+    /// With a sentence when the text is refused; nothing is sent then.
+    pub fn set(
+        &mut self,
+        name: Name,
+        text: &str,
+        client: &mut Client,
+        now: Instant,
+    ) -> Result<(), String> {
+        let known = self.entries.iter().find(|entry| entry.name == name);
+        let read = known.ok_or_else(|| format!("{name}: it is not read yet"));
+        let value = read.and_then(|parameter| read_value(parameter, text));
+        let why = value.as_ref().err().cloned();
+        self.refused = why.map(|why| (name.clone(), why));
+        self.revision += 1;
+        let command = Command::Parameter(ParameterCommand::Set(name.clone(), value?));
+        self.changing.push((client.request(now, command), name));
+        Ok(())
     }
 
     /// Stores all settings in the robot's flash.
@@ -89,8 +137,11 @@ impl Settings {
         if self.saving.take_if(|it| *it == request).is_some() {
             return Some(Answered::Save);
         }
-        if let Some(index) = self.changing.iter().position(|it| *it == request) {
-            self.changing.remove(index);
+        if let Some(index) = self.changing.iter().position(|(it, _)| *it == request) {
+            let (_, name) = self.changing.remove(index);
+            if let Outcome::Refused(refusal) = outcome {
+                self.refused = Some((name, refusal.to_string()));
+            }
             self.arriving.clear();
             self.read_on(client, now);
             return Some(Answered::Change);
@@ -112,7 +163,7 @@ impl Settings {
 
     /// Takes that a request was not answered.
     pub fn unanswered(&mut self, request: u32) {
-        self.changing.retain(|it| *it != request);
+        self.changing.retain(|(it, _)| *it != request);
         self.saving.take_if(|it| *it == request);
         if self.reading.take_if(|it| *it == request).is_some() {
             self.arriving.clear();

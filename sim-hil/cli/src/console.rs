@@ -1,18 +1,19 @@
 //! What `flix-sim serve` shows and takes while it serves: changes of state, one status line, lines that are typed.
 
+use std::io::ErrorKind::{BrokenPipe, TimedOut};
 use std::io::{self, BufRead as _, IsTerminal as _, Read as _};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant as WallClock};
 
 use flix_host::experiment::drops::{HEIGHT, HEIGHTS};
 use flix_host::system::has_keys;
-use flix_host::system::text::fixed;
+use flix_host::system::text::{fixed, printable_lines};
 use flix_protocol::message::{Faults, OperatorName, State};
 use flix_shell::number::within;
+use flix_shell::outlet::{drawn, stderr, stdout};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::error::Error;
-use super::output::print;
 use flix_sim::rig::simulated::SimulatedRobot;
 
 /// From one status line to the next.
@@ -37,9 +38,12 @@ pub(super) struct Console {
     stands: [f64; 3],
 }
 
+/// Time in which a terminal that reads has taken a line.
+const ERASED: Duration = Duration::from_millis(20);
+
 impl Console {
     pub(super) fn open(robot: &SimulatedRobot) -> Self {
-        let line = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+        let line = drawn(ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr()));
         line.set_style(
             ProgressStyle::with_template("{msg}")
                 .unwrap_or_else(|_| ProgressStyle::default_spinner()),
@@ -85,7 +89,17 @@ impl Console {
     }
 
     fn say(&self, text: &str) -> Result<(), Error> {
-        Ok(self.line.suspend(|| print(text))?)
+        self.line.suspend(|| {
+            // The line is erased first. The robot goes on where a terminal takes nothing.
+            let _ = stderr().wait(Some(ERASED));
+            stdout().put(printable_lines(text).as_bytes());
+        });
+        match stdout().wait(Some(ERASED)) {
+            Err(error) if !matches!(error.kind(), TimedOut | BrokenPipe) => {
+                Err(Error::usage(error))
+            }
+            _ => Ok(()),
+        }
     }
 }
 

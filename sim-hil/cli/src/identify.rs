@@ -7,11 +7,11 @@ use std::time::SystemTime;
 use flix_host::nav::{ModeTable, PlanarPose};
 use flix_host::pilot::{Ending, Pilot};
 use flix_host::record::Recorder;
-use flix_shell::identification::{IdentificationArgs, describe};
+use flix_shell::identification::{IdentificationArgs, save};
 
 use super::conditions::{LoopArgs, description};
 use super::error::Error;
-use super::output::{print, progress};
+use super::output::progress;
 use flix_sim::experiment::course::Course;
 
 /// Identify the walking modes of a simulated robot and write its mode table, in virtual time
@@ -56,8 +56,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let source =
         format!("{}; simulated, seed {}", args.identification.source(), args.conditions.seed);
     let table = identification.table(model, &source).map_err(Error::usage)?;
-    table.save(&file).map_err(Error::usage)?;
-    print(&describe(&table))?;
-    print(&format!("\nwritten to {}\n", file.display()))?;
+    save(&table, "", &file)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -7,7 +7,7 @@ use flix_shell::number::whole;
 
 use super::arguments::ModelArgs;
 use super::error::Error;
-use super::output::{print, progress};
+use super::output::{print, progress, write_or_print};
 use flix_study::learn::{Plan, gain};
 
 /// Let many robots of a kind walk, for the learned controller
@@ -36,8 +36,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
-    let failed = Error::write(&args.out);
-    flix_host::system::file::check_writable(&args.out).map_err(&failed)?;
+    flix_host::system::file::check_writable(&args.out).map_err(Error::write(&args.out))?;
     let model = args.model.load()?;
     let plan = Plan {
         robots: args.robots,
@@ -49,7 +48,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let experience =
         gain(&model, &plan, &mut |robots| bar.set_position(robots)).map_err(Error::usage)?;
     bar.finish_and_clear();
-    std::fs::write(&args.out, experience.to_toml()).map_err(failed)?;
+    write_or_print(Some(&args.out), &experience.to_toml())?;
     let pairs = experience.walks().len();
     print(&format!("{} pairs, {} robots  {}\n", pairs, args.robots, args.out.display()))?;
     Ok(ExitCode::SUCCESS)

@@ -117,8 +117,10 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::ExportMjcf(args) => export_mjcf::run(&args),
         Command::ExportUrdf(args) => export_urdf::run(&args),
     };
-    outcome.unwrap_or_else(|error| {
+    let code = outcome.unwrap_or_else(|error| {
         output::complain(&error);
         error.exit()
-    })
+    });
+    flix_shell::outlet::finish();
+    code
 }

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use serde::Serialize;
 
 use super::error::Error;
+use flix_host::system::file::overwrite;
 pub(crate) use flix_shell::output::{
     headings, optional_path_as_text, path_as_text, print, print_json, table,
 };
@@ -21,7 +22,11 @@ pub(crate) fn complain(sentence: impl std::fmt::Display) {
 pub(crate) fn write_or_print(file: Option<&Path>, text: &str) -> Result<(), Error> {
     match file {
         None => Ok(print(text)?),
-        Some(path) => std::fs::write(path, text).map_err(Error::write(path)),
+        Some(path) => overwrite(path, text.as_bytes(), || {
+            // Of two errors that of the file is reported.
+            let _ = print(text);
+        })
+        .map_err(Error::write(path)),
     }
 }
 

@@ -141,7 +141,7 @@ impl Recording {
         let html = self.to_html()?;
         path.parent()
             .map_or(Ok(()), std::fs::create_dir_all)
-            .and_then(|()| std::fs::write(path, html))
+            .and_then(|()| flix_host::system::file::overwrite(path, html.as_bytes(), || ()))
             .map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
         Ok(path.to_owned())
     }

@@ -64,7 +64,11 @@ function listFaults(names) {
 }
 element("latency").oninput = element("loss").oninput = changeLink;
 element("fault").onchange = () => { tell("mend"); if (element("fault").value) tell({ fault: element("fault").value }); element("fault").blur(); };
-element("model").onchange = element("seed").onchange = element("reset").onclick = () => { document.activeElement.blur(); reset(); };
+element("model").onchange = element("seed").onchange = element("reset").onclick = () => {
+  if (!element("seed").reportValidity()) return;
+  document.activeElement.blur();
+  reset();
+};
 
 // Fingers and mouse on the floor turn the camera, pull the robot, or draw.
 const GRASP_WITHIN = 0.14, POINT_EVERY = 0.02, ROOM = 1.3;

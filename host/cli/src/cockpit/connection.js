@@ -1,4 +1,4 @@
-const openConnection = () => new WebSocket(`ws://${location.host}${location.pathname}socket`);
+const openConnection = () => new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}${location.pathname}socket`);
 // `flix cockpit` sends a picture 20 times a second; how long it may stay away.
 const SILENT_MS = 1000, GIVE_UP_MS = 5000;
 // How long it may leave a STOP unanswered until another one is opened, which may take twice as long.

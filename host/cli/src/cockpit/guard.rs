@@ -2,28 +2,33 @@
 //!
 //! The token keeps out whoever was not given the address of the page. `Host` and `Origin` keep out pages of others in
 //! the operator's own browser: a foreign page that opens a WebSocket here states its own origin, and one whose name was
-//! made to point here (DNS rebinding) states that name as host.
+//! made to point here (DNS rebinding) states that name as host. The port keeps out nobody: `ssh -L`, editors and containers forward
+//! another one.
 
 use std::net::{IpAddr, SocketAddr};
 
 use subtle::ConstantTimeEq as _;
 
-/// The port that a browser takes where an address names none, and then does not state.
-const HTTP: u16 = 80;
-
 /// What keeps strangers out.
 #[derive(Debug, Clone)]
 pub struct Guard {
     token: String,
-    bound: SocketAddr,
+    bound: IpAddr,
+    /// Names by which proxies and forwarded ports reach the page.
+    names: Vec<String>,
 }
 
 /// Why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
     /// The host is not the one that is served.
-    #[error("wrong host: open the address that `flix cockpit` has printed")]
+    #[error(
+        "wrong host: open the address that `flix cockpit` has printed, or start it with `--host NAME` where the page is reached by another name"
+    )]
     Host,
+    /// The request states more than one host.
+    #[error("a request has one host")]
+    Hosts,
     /// The request comes from the page of another.
     #[error("wrong origin: open the address that `flix cockpit` has printed")]
     Origin,
@@ -42,7 +47,13 @@ impl Guard {
     /// Guards what is served at this address. `entropy` comes from the operating system, fresh for every run.
     #[must_use]
     pub fn new(bound: SocketAddr, entropy: [u8; 16]) -> Self {
-        Self { token: hexadecimal(entropy), bound }
+        Self { token: hexadecimal(entropy), bound: bound.ip().to_canonical(), names: Vec::new() }
+    }
+
+    /// Serves these names, too.
+    #[must_use]
+    pub fn with_names(self, names: &[String]) -> Self {
+        Self { names: names.to_vec(), ..self }
     }
 
     /// Returns the token.
@@ -63,7 +74,13 @@ impl Guard {
         needs_origin: bool,
     ) -> Result<(), Refusal> {
         let host = host.filter(|host| self.serves(host)).ok_or(Refusal::Host)?;
-        let is_same = |origin: &str| origin.strip_prefix("http://") == Some(host);
+        // A proxy may encrypt what it serves by its name.
+        let is_named = name_of(host).is_some_and(|name| self.is_named(name));
+        let is_same = |origin: &str| match origin.split_once("://") {
+            Some(("http", of)) => of == host,
+            Some(("https", of)) => of == host && is_named,
+            _ => false,
+        };
         if !origin.map_or(!needs_origin, is_same) {
             return Err(Refusal::Origin);
         }
@@ -73,20 +90,30 @@ impl Guard {
         }
     }
 
-    /// Returns whether this is a host of what is bound: its address with its port, which browsers leave out where it is
-    /// [`HTTP`]; `localhost` for this computer; any
-    /// address, but no name, where all addresses are bound.
+    /// Returns whether this is a host of what is bound, by any port: its address, or a name that was given; `localhost` for this
+    /// computer; any address, but no other name, where all addresses are bound.
     fn serves(&self, host: &str) -> bool {
-        let (own, port) = (self.bound.ip().to_canonical(), self.bound.port());
-        let name = host.strip_suffix(&format!(":{port}"));
-        if let Some(name) = name.or((port == HTTP).then_some(host)) {
-            if name.eq_ignore_ascii_case("localhost") {
-                return own.is_loopback() || own.is_unspecified();
-            }
-            let address = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
-            return address.is_ok_and(|it| own.is_unspecified() || it.to_canonical() == own);
+        let Some(name) = name_of(host) else { return false };
+        if name.eq_ignore_ascii_case("localhost") {
+            return self.bound.is_loopback() || self.bound.is_unspecified() || self.is_named(name);
         }
-        false
+        match name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>() {
+            Ok(address) => self.bound.is_unspecified() || address.to_canonical() == self.bound,
+            Err(_) => self.is_named(name),
+        }
+    }
+
+    fn is_named(&self, name: &str) -> bool {
+        self.names.iter().any(|known| known.eq_ignore_ascii_case(name))
+    }
+}
+
+/// Returns a host without its port.
+fn name_of(host: &str) -> Option<&str> {
+    let end = host.rfind(']').map_or(0, |end| end + 1);
+    match host[end..].split_once(':') {
+        None => Some(host),
+        Some((name, port)) => port.parse::<u16>().is_ok().then(|| &host[..end + name.len()]),
     }
 }
 
@@ -115,6 +142,12 @@ mod tests {
             ("[::]:13550", "192.168.1.7:13550"),
             ("[::ffff:127.0.0.1]:13550", "127.0.0.1:13550"),
             ("[::ffff:192.168.1.7]:13550", "[::ffff:192.168.1.7]:13550"),
+            ("127.0.0.1:13550", "127.0.0.1:8080"),
+            ("127.0.0.1:13550", "localhost:8080"),
+            ("127.0.0.1:13550", "127.0.0.1"),
+            ("127.0.0.1:80", "127.0.0.1:13550"),
+            ("0.0.0.0:13550", "localhost:49153"),
+            ("[::1]:13550", "[::1]:8080"),
         ] {
             assert_eq!(check(bound, host, Some(&format!("http://{host}"))), Ok(()), "{host}");
         }
@@ -125,9 +158,12 @@ mod tests {
         for (bound, host) in [
             ("127.0.0.1:13550", "evil.example:13550"),
             ("127.0.0.1:13550", "127.0.0.1.evil.example:13550"),
-            ("127.0.0.1:13550", "127.0.0.1:80"),
-            ("127.0.0.1:13550", "127.0.0.1"),
-            ("127.0.0.1:80", "127.0.0.1:13550"),
+            ("127.0.0.1:13550", "localhost.evil.example:13550"),
+            ("127.0.0.1:13550", "127.0.0.1:80:80"),
+            ("127.0.0.1:13550", "127.0.0.1:evil"),
+            ("127.0.0.1:13550", "127.0.0.1:"),
+            ("127.0.0.1:13550", ""),
+            ("[::1]:13550", "[::1]evil:80"),
             ("127.0.0.1:80", "evil.example"),
             ("0.0.0.0:80", "evil.example"),
             ("127.0.0.1:13550", "192.168.1.7:13550"),
@@ -152,6 +188,24 @@ mod tests {
         ] {
             assert_eq!(check(host, host, origin), Err(Refusal::Origin), "{origin:?}");
         }
+    }
+
+    #[test]
+    fn a_name_is_served_where_it_was_given_encrypted_too() {
+        let guard = Guard::new("127.0.0.1:1".parse().unwrap(), [7; 16]);
+        let guard = guard.with_names(&["Robot.Lab".to_owned()]);
+        let check = |host: &str, origin: &str| guard.check(TOKEN, Some(host), Some(origin), true);
+        for (host, origin) in [
+            ("robot.lab", "https://robot.lab"),
+            ("robot.lab:8443", "https://robot.lab:8443"),
+            ("robot.lab:8080", "http://robot.lab:8080"),
+            ("localhost:8080", "http://localhost:8080"),
+        ] {
+            assert_eq!(check(host, origin), Ok(()), "{host}");
+        }
+        assert_eq!(check("evil.lab", "https://evil.lab"), Err(Refusal::Host));
+        assert_eq!(check("robot.lab", "https://evil.lab"), Err(Refusal::Origin));
+        assert_eq!(check("localhost", "https://localhost"), Err(Refusal::Origin));
     }
 
     #[test]

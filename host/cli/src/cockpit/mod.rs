@@ -33,7 +33,9 @@ Examples:
   flix cockpit --bind 0.0.0.0         also for the phones in this network
 
 The keys are those of `flix teleop`. Gamepad: stick or arrows walk and turn,
-shoulder buttons strafe, B stops, Start arms, Back disarms, Y clears.")]
+shoulder buttons strafe, the right button stops (B on Xbox, A on Nintendo,
+circle) and the lower one, too, while it walks; Start arms, Back disarms, the
+upper button clears.")]
 pub struct Args {
     #[command(flatten)]
     by_hand: ByHandArgs,
@@ -41,6 +43,9 @@ pub struct Args {
     /// free one.
     #[arg(long, value_name = "ADDRESS[:PORT]", default_value = "127.0.0.1", value_parser = |text: &str| address(text, PORT))]
     bind: SocketAddr,
+    /// Name by which browsers reach the page through a proxy or a forwarded port; addresses and localhost need none.
+    #[arg(long, value_name = "NAME")]
+    host: Vec<String>,
 }
 
 /// Serves the page until the program is interrupted.
@@ -49,7 +54,7 @@ pub struct Args {
 /// When the robot cannot be reached, the page cannot be served, or the program is interrupted while it drives.
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     args.by_hand.drive("cockpit", |drive, interrupt| {
-        let server = Server::start(args.bind, args.by_hand.hold_to_run)?;
+        let server = Server::start(args.bind, &args.host, args.by_hand.hold_to_run)?;
         if server.is_public() {
             complain(
                 "the page is not encrypted: whoever can read this network can take its address, and drive; \

@@ -16,7 +16,7 @@ use axum::extract::ws::{Message as Frame, WebSocket, WebSocketUpgrade};
 use axum::extract::{Path, State};
 use axum::http::header::{self, HeaderMap};
 use axum::http::{HeaderName, StatusCode};
-use axum::response::{Html, IntoResponse, Response};
+use axum::response::{Html, IntoResponse, Redirect, Response};
 use axum::routing::get;
 use futures_util::{SinkExt as _, StreamExt as _};
 use tokio::sync::{Semaphore, watch};
@@ -102,18 +102,22 @@ struct Shared {
 }
 
 impl Server {
-    /// Begins to serve at this address; port 0 is any free port. Pages that hold to run let the robot rest when the key or
+    /// Begins to serve at this address, and by these names ([`Guard::with_names`]); port 0 is any free port. Pages that hold to run let the robot rest when the key or
     /// button of a walk is released.
     ///
     /// # Errors
     /// When the address cannot be used, or the operating system refuses a thread or randomness.
-    pub fn start(address: SocketAddr, holds_to_run: bool) -> Result<Self, ServeError> {
+    pub fn start(
+        address: SocketAddr,
+        names: &[String],
+        holds_to_run: bool,
+    ) -> Result<Self, ServeError> {
         let bind = |source| ServeError::Bind { address, source };
         let listener = TcpListener::bind(address).map_err(bind)?;
         listener.set_nonblocking(true)?;
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
-        Self::on_a_thread(listener.local_addr()?, holds_to_run, move |shared| {
+        Self::on_a_thread(listener.local_addr()?, names, holds_to_run, move |shared| {
             let mut closed = shared.snapshots.clone();
             runtime.block_on(async {
                 let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
@@ -128,12 +132,13 @@ impl Server {
     /// Begins to serve at this address by this work, on a thread of its own.
     fn on_a_thread(
         address: SocketAddr,
+        names: &[String],
         holds_to_run: bool,
         work: impl FnOnce(Shared) + Send + 'static,
     ) -> Result<Self, ServeError> {
         let mut entropy = [0; 16];
         getrandom::fill(&mut entropy)?;
-        let guard = Guard::new(address, entropy);
+        let guard = Guard::new(address, entropy).with_names(names);
         let token = guard.token().to_owned();
         let (snapshots, shown) = watch::channel(Arc::from(""));
         let extras = EXTRAS.map(|_| watch::Sender::new(Arc::from("")));
@@ -217,7 +222,7 @@ impl Server {
     #[cfg(test)]
     pub(super) fn that_fails() -> Self {
         let address = (std::net::Ipv4Addr::LOCALHOST, 0).into();
-        Self::on_a_thread(address, false, |_| panic!("a page that cannot be served")).unwrap()
+        Self::on_a_thread(address, &[], false, |_| panic!("a page that cannot be served")).unwrap()
     }
 }
 
@@ -260,6 +265,7 @@ impl Shared {
     /// What a visitor may ask for.
     fn pages(&self, visitor: Visitor) -> Router {
         Router::new()
+            .route("/{token}", get(slash))
             .route("/{token}/", get(page))
             .route("/{token}/socket", get(socket))
             .with_state(Asked { shared: self.clone(), visitor })
@@ -275,6 +281,9 @@ struct Asked {
 
 impl Asked {
     fn check(&self, token: &str, headers: &HeaderMap, needs_origin: bool) -> Result<(), Refusal> {
+        if headers.get_all(header::HOST).iter().count() > 1 {
+            return Err(Refusal::Hosts);
+        }
         let (host, origin) = (text_of(headers, header::HOST), text_of(headers, header::ORIGIN));
         self.shared.guard.check(token, host, origin, needs_origin)?;
         self.visitor.welcome();
@@ -286,7 +295,23 @@ impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
         // Whoever guesses comes anew each time.
         let close = [(header::CONNECTION, "close")];
-        (StatusCode::FORBIDDEN, close, format!("{self}\n")).into_response()
+        let status = match self {
+            Self::Hosts => StatusCode::BAD_REQUEST,
+            _ => StatusCode::FORBIDDEN,
+        };
+        (status, close, format!("{self}\n")).into_response()
+    }
+}
+
+/// Leads to the page whoever has left out the last letter of its address.
+async fn slash(
+    State(asked): State<Asked>,
+    Path(token): Path<String>,
+    headers: HeaderMap,
+) -> Response {
+    match asked.check(&token, &headers, false) {
+        Ok(()) => Redirect::permanent(&format!("{token}/")).into_response(),
+        Err(refusal) => refusal.into_response(),
     }
 }
 
@@ -307,7 +332,8 @@ async fn page(
     let html = Page { connection: CONNECTION, holds_to_run, ..Page::default() }.to_html(&nonce);
     let host = text_of(&headers, header::HOST).unwrap_or_default();
     // Older browsers take 'self' for no WebSocket; the grammar has no addresses of IPv6.
-    let socket = if host.starts_with('[') { String::new() } else { format!(" ws://{host}") };
+    let socket =
+        if host.starts_with('[') { String::new() } else { format!(" ws://{host} wss://{host}") };
     let policy = format!(
         "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src data:; \
          connect-src 'self'{socket}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -440,7 +466,7 @@ mod tests {
     }
 
     fn serve() -> Server {
-        Server::start((std::net::Ipv4Addr::LOCALHOST, 0).into(), false).unwrap()
+        Server::start((std::net::Ipv4Addr::LOCALHOST, 0).into(), &[], false).unwrap()
     }
 
     fn open(server: &Server) -> (PageId, TcpStream) {

@@ -18,6 +18,7 @@ use flix_host::pose::any::Poses;
 use flix_host::system::interrupt::Interrupt;
 use flix_shell::identification::POSE_PATIENCE;
 use flix_shell::number::{whole, within};
+use flix_shell::outlet::drawn;
 use flix_shell::output::complain;
 use flix_shell::{Error, Exit};
 
@@ -83,7 +84,7 @@ fn watch(
 ) -> Result<(), Error> {
     let start = std::time::Instant::now();
     let mut newest = Instant::START;
-    let bar = ProgressBar::new_spinner();
+    let bar = drawn(ProgressBar::new_spinner());
     if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {
         bar.set_style(style);
     }

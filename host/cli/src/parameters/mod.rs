@@ -16,7 +16,7 @@ use flix_host::link::keys::KEY_FILE_VARIABLE;
 use flix_host::link::udp::Connection;
 use flix_host::link::{LinkError, RobotLink};
 use flix_host::system::interrupt::Interrupt;
-use flix_host::teleop::settings::Described;
+use flix_host::teleop::settings::{Described, read_value};
 use flix_shell::number::in_unit;
 use flix_shell::output::{complain, headings, print, print_json, read_text, table, write_text};
 use flix_shell::{Error, Exit};
@@ -64,7 +64,7 @@ enum Action {
         /// Robot as for the other commands, name of the setting, new value in the unit of the setting.
         #[arg(value_name = "[ROBOT] NAME VALUE", required = true, num_args = 2..=3)]
         words: Vec<String>,
-        /// Key file [default: the robot's key in your keyring].
+        /// Key file; `-` is standard input [default: the robot's key in your keyring].
         #[arg(long, value_name = "FILE", env = KEY_FILE_VARIABLE, value_parser = key_file())]
         key: Option<PathBuf>,
         /// Save all settings, so that they survive power-off.
@@ -118,21 +118,11 @@ enum Action {
     },
 }
 
-/// Reads a value; where it is more than a number, in the unit that the robot states for the setting.
+/// Reads a value in the unit and the range that the robot states for the setting.
 fn value_of(connection: &mut Connection, name: &Name, text: &str) -> Result<f32, Error> {
-    if let Ok(number) = text.trim().parse::<f32>() {
-        return Ok(number);
-    }
     let found = connection.parameter(name.clone());
     let parameter = found.map_err(|error| named(connection, name, error))?;
-    let is_switch = (parameter.minimum, parameter.maximum) == (0.0, 1.0);
-    let is_word = !text.contains(|it: char| it.is_ascii_digit());
-    in_unit(text, &parameter.unit)
-        .and_then(|value| match is_word && !is_switch {
-            true => Err(format!("`{text}` is not a number")),
-            false => Ok(value as f32),
-        })
-        .map_err(|why| Error::usage(format_args!("{name}: {why}")))
+    read_value(&parameter, text).map_err(Error::usage)
 }
 
 /// Refuses what is no number in any unit, before a robot is asked.
@@ -173,9 +163,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             let name = wire_name(name)?;
             let mut connection = robot.connect(&interrupt)?;
             let value = value_of(&mut connection, &name, value)?;
-            connection
-                .set(name.clone(), value)
-                .map_err(|error| explained(&mut connection, (name, value), error))?;
+            connection.set(name, value)?;
             save_if(&mut connection, *save)?;
             warn(&mut connection)?;
         }
@@ -290,18 +278,6 @@ fn named(connection: &mut Connection, name: &Name, error: LinkError) -> Error {
     let LinkError::Refused(Refusal::UnknownParameter) = error else { return error.into() };
     let known = list(connection).unwrap_or_default();
     Error::usage(no_setting(name, known.iter().map(|it| it.name.as_str())))
-}
-
-/// Adds unit and value to a refusal for the setting's range.
-fn explained(connection: &mut Connection, (name, value): (Name, f32), error: LinkError) -> Error {
-    let LinkError::Refused(Refusal::OutOfRange { .. }) = error else {
-        return named(connection, &name, error);
-    };
-    let unit = match connection.parameter(name) {
-        Ok(Parameter { unit, .. }) if unit != "1" => format!(" {unit}"),
-        _ => String::new(),
-    };
-    Error::usage(format_args!("{error}{unit}, not {value}"))
 }
 
 fn save_if(connection: &mut Connection, wanted: bool) -> Result<(), LinkError> {

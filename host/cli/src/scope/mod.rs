@@ -27,6 +27,7 @@ use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::fixed;
 use flix_host::teleop::action::Action;
 use flix_plot::Figure as _;
+use flix_shell::outlet::drawn;
 use flix_shell::output::{headings, path_as_text, print, print_json, table, waiting};
 use flix_shell::time::positive_duration;
 use flix_shell::{Error, Exit};
@@ -208,7 +209,11 @@ fn live(driven: &mut Driven<'_>, plan: &ScopePlan, patience: Duration) -> Result
     let ended = loop {
         let words = format!("capture {count}");
         let draw = |frame: &mut Frame<'_>| screen::draw(frame, newest.as_ref(), &words);
-        if driven.screen.as_mut().is_some_and(|screen| screen.draw(draw).is_err()) {
+        if driven
+            .screen
+            .as_mut()
+            .is_some_and(|screen| screen.is_ready() && screen.draw(draw).is_err())
+        {
             break Err(LinkError::Interrupted.into());
         }
         let captured = scope::ask(driven, ScopeCommand::Begin(plan.clone()))
@@ -359,7 +364,7 @@ fn fetch(driven: &mut Driven<'_>, status: ScopeStatus) -> Result<Option<Capture>
     // On the screen of --live it would be in the way.
     let bar = match driven.screen {
         Some(_) => ProgressBar::hidden(),
-        None => ProgressBar::new(status.rows.into()),
+        None => drawn(ProgressBar::new(status.rows.into())),
     };
     let mut capture = Capture::new(status);
     while !driven.is_left {

@@ -1,7 +1,7 @@
 //! Driving with a gamepad, by the rules of the cockpit's page (`cockpit/page.js`).
 //!
-//! Stick or arrows walk and turn, the shoulder buttons strafe; B stops, Y clears, Select disarms, Start arms, by their
-//! names on an Xbox gamepad. Of several gamepads the one drives whose command changed last, and any of them ends the walk: it
+//! Stick or arrows walk and turn, the shoulder buttons strafe. The right button stops (B on Xbox, A on Nintendo, circle), and so
+//! does the lower one while the robot walks: it is B on Nintendo. The upper button clears, Select disarms, Start arms. Of several gamepads the one drives whose command changed last, and any of them ends the walk: it
 //! stops, disarms, or lets go of its stick. One whose layout is not known stops with every button, and does no more. A gamepad
 //! is obeyed only after it was seen neutral, and again after everything that let the robot rest, so that a stick which is held, or
 //! stuck, begins nothing, and keeps no other from driving. Stop and disarm are always obeyed.
@@ -40,6 +40,8 @@ pub struct Reading {
     pub shoulders: [bool; 2],
     /// Stop, clear, disarm, arm.
     pub commands: [bool; 4],
+    /// The lower button of the right hand: A on Xbox, B on Nintendo.
+    pub lower: bool,
     /// Any other button.
     pub other: bool,
 }
@@ -50,7 +52,7 @@ impl Reading {
     fn is_neutral(&self) -> bool {
         let is_pressed =
             self.arrows.iter().chain(&self.shoulders).chain(&self.commands).any(|it| *it);
-        !(is_pressed || self.other) && self.right.abs().max(self.up.abs()) < DEAD_ZONE
+        !(is_pressed || self.lower || self.other) && self.right.abs().max(self.up.abs()) < DEAD_ZONE
     }
 
     /// Takes an axis that shows no number for one at rest.
@@ -94,16 +96,17 @@ pub struct Hand {
     seen: Option<Reading>,
     was_neutral: bool,
     pressed: [bool; 4],
+    was_lower: bool,
     /// What it lets the robot do, and since when.
     drives: Option<(PaperMode, Instant)>,
 }
 
 impl Hand {
     /// Returns what the operator, who looks elsewhere, wants now: what is pressed is meant for what he looks at.
-    fn unwatched(&mut self, reading: Option<&Reading>) -> Vec<Action> {
+    fn unwatched(&mut self, reading: Option<&Reading>, cockpit: &Cockpit) -> Vec<Action> {
         self.seen = reading.copied();
         let mut actions = self.release();
-        actions.extend(reading.into_iter().flat_map(|it| self.commands(it)));
+        actions.extend(reading.into_iter().flat_map(|it| self.commands(it, cockpit)));
         actions
     }
 
@@ -116,7 +119,7 @@ impl Hand {
     ) -> Vec<Action> {
         self.seen = reading.copied();
         let Some(reading) = reading else { return self.release() };
-        let mut actions = self.commands(reading);
+        let mut actions = self.commands(reading, cockpit);
         let may_drive = cockpit.telemetry.as_ref().is_some_and(|telemetry| {
             !telemetry.stopped && matches!(telemetry.state, State::Armed | State::Running)
         });
@@ -155,7 +158,13 @@ impl Hand {
     }
 
     /// Returns the commands of buttons that have just been pressed.
-    fn commands(&mut self, reading: &Reading) -> Vec<Action> {
+    fn commands(&mut self, reading: &Reading, cockpit: &Cockpit) -> Vec<Action> {
+        let walks = cockpit.setpoint != Setpoint::REST
+            || cockpit.telemetry.as_ref().is_some_and(|it| it.state == State::Running);
+        let was_lower = std::mem::replace(&mut self.was_lower, reading.lower);
+        if reading.lower && !was_lower && walks {
+            return vec![Action::Stop];
+        }
         let before = std::mem::replace(&mut self.pressed, reading.commands);
         let is_new = |index: usize| reading.commands[index] && !before[index];
         let new = (0..COMMANDS.len()).filter(|index| is_new(*index)).map(|index| COMMANDS[index]);
@@ -211,13 +220,14 @@ impl Hands {
             actions.extend(if is_watched {
                 hand.read(reading.as_ref(), cockpit, now)
             } else {
-                hand.unwatched(reading.as_ref())
+                hand.unwatched(reading.as_ref(), cockpit)
             });
             self.is_touched |= hand.is_held() && hand.seen != before;
             if reading.is_none() {
                 // Nobody knows which of its buttons stops.
                 let any = [pad.is_pressed, false, false, false];
-                actions.extend(hand.commands(&Reading { commands: any, ..Reading::default() }));
+                let reading = Reading { commands: any, ..Reading::default() };
+                actions.extend(hand.commands(&reading, cockpit));
             }
         }
         actions
@@ -288,7 +298,8 @@ mod device {
             arrows: [Button::DPadUp, Button::DPadLeft, Button::DPadRight].map(pressed),
             shoulders: [Button::LeftTrigger, Button::RightTrigger].map(pressed),
             commands: [Button::East, Button::North, Button::Select, Button::Start].map(pressed),
-            other: [Button::South, Button::West, Button::DPadDown, Button::LeftTrigger2]
+            lower: pressed(Button::South),
+            other: [Button::West, Button::DPadDown, Button::LeftTrigger2]
                 .into_iter()
                 .chain([Button::RightTrigger2, Button::LeftThumb, Button::RightThumb])
                 .any(pressed),
@@ -334,6 +345,7 @@ mod tests {
         arrows: [false; 3],
         shoulders: [false; 2],
         commands: [false; 4],
+        lower: false,
         other: false,
     };
 
@@ -416,6 +428,24 @@ mod tests {
             hand.read(Some(&Reading::default()), &cockpit, at(10));
             assert_eq!(hand.read(Some(&pressed(index)), &cockpit, at(20)), [action]);
             assert_eq!(hand.read(Some(&pressed(index)), &cockpit, at(30)), []);
+        }
+    }
+
+    #[test]
+    fn the_lower_button_which_is_b_on_nintendo_stops_a_robot_that_walks() {
+        let lower = Reading { lower: true, ..Reading::default() };
+        for is_watched in [true, false] {
+            for (state, setpoint, expected) in [
+                (State::Running, PaperMode::Forward.setpoint(), [Action::Stop].as_slice()),
+                (State::Running, Setpoint::REST, &[Action::Stop]),
+                (State::Armed, Setpoint::REST, &[]),
+            ] {
+                let (mut hands, mut cockpit) = (Hands::default(), cockpit(state));
+                cockpit.setpoint = setpoint;
+                let pad = [Pad { id: 0, reading: Some(lower), is_pressed: true }];
+                assert_eq!(hands.read(&pad, is_watched, &cockpit, at(0)), expected);
+                assert_eq!(hands.read(&pad, is_watched, &cockpit, at(10)), []);
+            }
         }
     }
 

@@ -31,7 +31,9 @@ Keys:
   left / right   theta by 5 degrees, with shift by 1 degree
   Esc            disarm and leave
 Gamepad, where built with the feature `gamepad`: stick or arrows walk and
-turn, shoulder buttons strafe, B stops, Start arms, Select disarms, Y clears.
+turn, shoulder buttons strafe, the right button stops (B on Xbox, A on Nintendo,
+circle) and the lower one, too, while it walks; Start arms, Select disarms, the
+upper button clears.
 With poses (--pose natnet or --pose udp:PORT), which also show a map:
   h              hold the present heading while walking, or end that")]
 pub struct Args {

@@ -113,7 +113,7 @@ fn operate(
         for action in gamepads.read(!typed.is_unwatched, cockpit, now) {
             cockpit.act(action, seen, client, now);
         }
-        if drawn.is_none_or(|at| at.elapsed() >= FRAME) {
+        if screen.is_ready() && drawn.is_none_or(|at| at.elapsed() >= FRAME) {
             drawn = Some(Instant::now());
             cockpit.tick(client, now);
             let shown = screen.draw(|frame| view::draw(frame, cockpit));

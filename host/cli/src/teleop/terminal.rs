@@ -7,31 +7,37 @@
 //! end is lost swallows no key, see [`Sequences`]. Ctrl-C is left to the terminal's driver, which makes a signal of it before
 //! any of that is read.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, BufWriter, IsTerminal};
 use std::sync::Once;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use flix_protocol::units::Instant as Moment;
+use ratatui::crossterm::cursor::Show;
 use ratatui::crossterm::event::{
     DisableBracketedPaste, DisableFocusChange, DisableMouseCapture, EnableBracketedPaste,
     EnableFocusChange, EnableMouseCapture, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
     PushKeyboardEnhancementFlags,
 };
+use ratatui::crossterm::terminal::LeaveAlternateScreen;
 use ratatui::crossterm::{execute, terminal};
-use ratatui::{DefaultTerminal, Frame};
+use ratatui::prelude::CrosstermBackend;
+use ratatui::{Frame, Terminal};
 
 use super::keyboard::{Report, Typed, Typing};
 use super::multiplexer::Multiplexer;
 use super::sequences::{Heard, Sequences};
+use flix_shell::outlet::{Outlet, PATIENCE, stdout};
 
+/// Bytes of a large picture: one that fits leaves at once.
+const PICTURE: usize = 1 << 16;
 /// Interval of looking whether anybody is attached to tmux or screen.
 const LOOK: Duration = Duration::from_secs(1);
 
 /// A terminal in full screen. Dropped, also by a panic, it is as it was.
 pub(crate) struct Screen {
     /// None once it is closed.
-    terminal: Option<DefaultTerminal>,
+    terminal: Option<Terminal<CrosstermBackend<BufWriter<&'static Outlet>>>>,
     heard: mpsc::Receiver<(Instant, Heard)>,
     sequences: Sequences,
     typing: Typing,
@@ -50,7 +56,9 @@ impl Screen {
         }
         // Restores the terminal before the message of a panic is printed; unwinding then drops the connection, which stops the
         // robot.
-        let terminal = ratatui::try_init()?;
+        drop(ratatui::try_init()?);
+        let terminal =
+            Terminal::new(CrosstermBackend::new(BufWriter::with_capacity(PICTURE, stdout())))?;
         static ONCE: Once = Once::new();
         ONCE.call_once(|| {
             let restore = std::panic::take_hook();
@@ -68,15 +76,20 @@ impl Screen {
         };
         #[cfg(unix)]
         interrupt_by_signal()?;
-        execute!(io::stdout(), EnableMouseCapture, EnableBracketedPaste, EnableFocusChange)?;
+        execute!(stdout(), EnableMouseCapture, EnableBracketedPaste, EnableFocusChange)?;
         if holds {
             let flags = KeyboardEnhancementFlags::DISAMBIGUATE_ESCAPE_CODES
                 | KeyboardEnhancementFlags::REPORT_EVENT_TYPES
                 | KeyboardEnhancementFlags::REPORT_ALTERNATE_KEYS
                 | KeyboardEnhancementFlags::REPORT_ALL_KEYS_AS_ESCAPE_CODES;
-            execute!(io::stdout(), PushKeyboardEnhancementFlags(flags))?;
+            execute!(stdout(), PushKeyboardEnhancementFlags(flags))?;
         }
         Ok(screen)
+    }
+
+    /// Returns whether the terminal has taken the picture before: until then none is drawn.
+    pub(crate) fn is_ready(&self) -> bool {
+        stdout().is_idle()
     }
 
     /// Draws; an error when the terminal is closed.
@@ -96,8 +109,7 @@ impl Screen {
             && let Some([column, row]) = self.typing.ask(now, picture, [columns, rows])
         {
             // CUP, then DSR (ECMA-48, 8.3.21 and 8.3.35).
-            write!(io::stdout(), "\x1b[{row};{column}H\x1b[6n")?;
-            io::stdout().flush()?;
+            stdout().put(format!("\x1b[{row};{column}H\x1b[6n").as_bytes());
         }
         Ok(())
     }
@@ -137,7 +149,9 @@ impl Drop for Screen {
         }
         // A terminal that is closed at this moment cannot be restored, and needs not be.
         let _ = be_quiet();
-        let _ = ratatui::try_restore();
+        let _ = execute!(stdout(), LeaveAlternateScreen, Show);
+        let _ = stdout().wait(Some(PATIENCE));
+        let _ = terminal::disable_raw_mode();
         // What was typed or pasted meanwhile is for nobody, least of all for the shell.
         #[cfg(unix)]
         let _ = rustix::termios::tcflush(io::stdin(), rustix::termios::QueueSelector::IFlush);
@@ -168,13 +182,12 @@ fn interrupt_by_signal() -> io::Result<()> {
 
 /// Lets the terminal report no more than keys. To pop what was not pushed does nothing.
 fn be_quiet() -> io::Result<()> {
-    execute!(
-        io::stdout(),
-        PopKeyboardEnhancementFlags,
-        DisableFocusChange,
-        DisableBracketedPaste,
-        DisableMouseCapture
-    )
+    let mut stdout = stdout();
+    // Each by itself: where a system refuses one, the others are asked for all the same.
+    let popped = execute!(stdout, PopKeyboardEnhancementFlags);
+    let unfocused = execute!(stdout, DisableFocusChange);
+    let typed = execute!(stdout, DisableBracketedPaste);
+    popped.and(unfocused).and(typed).and(execute!(stdout, DisableMouseCapture))
 }
 
 /// Returns whether the terminal reports keys that are released: kitty's keyboard protocol alone does.

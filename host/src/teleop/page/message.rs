@@ -8,7 +8,7 @@
 //! {"seen":1200,"do":{"walk":"left turn"}}  a mode by its name
 //! {"seen":1200,"do":{"frequency":-1}}      changes f by so much, Hz; `direction`: theta, degrees
 //! {"seen":1200,"do":"settings"}          wants to see the settings; "save" stores them
-//! {"seen":1200,"do":{"set":["current_limit",1.5]}}
+//! {"seen":1200,"do":{"set":["current_limit","1.5"]}}    a value as its operator wrote it
 //! {"seen":1200,"do":{"scope":["iq,f","now"]}}    channels, and a trigger or "last"
 //! ```
 
@@ -43,8 +43,8 @@ pub enum Request {
     Act(Action),
     /// To see the settings.
     Settings,
-    /// To change a setting: its name, its new value in its unit.
-    Set(Name, f32),
+    /// To change a setting: its name, its new value as the operator wrote it.
+    Set(Name, String),
     /// To store the settings.
     Save,
     /// To see inner values of the fast loop: channels, and a trigger or `last`, as the operator wrote them.
@@ -73,7 +73,7 @@ enum Word {
     Attend,
     Settings,
     Save,
-    Set(Name, f32),
+    Set(Name, String),
     Scope(String, String),
     Walk(String),
     Frequency(f32),
@@ -101,7 +101,7 @@ fn request(word: &Word) -> Option<Request> {
             return Some(Request::Scope(channels.clone(), when.clone()));
         }
         Word::Set(name, value) => {
-            return value.is_finite().then(|| Request::Set(name.clone(), *value));
+            return Some(Request::Set(name.clone(), value.clone()));
         }
         Word::Stop => Action::Stop,
         Word::Arm => Action::Arm,
@@ -153,8 +153,8 @@ mod tests {
             r#"{"seen":1,"do":{"frequency":1e39}}"#,
             r#"{"seen":1,"do":{"direction":-5.5}}"#,
             r#"{"seen":1,"do":{"set":["current_limit"]}}"#,
-            r#"{"seen":1,"do":{"set":["current_limit",1e39]}}"#,
-            r#"{"seen":1,"do":{"set":["a_name_that_is_longer_than_any_setting_has",1]}}"#,
+            r#"{"seen":1,"do":{"set":["current_limit",1.5]}}"#,
+            r#"{"seen":1,"do":{"set":["a_name_that_is_longer_than_any_setting_has","1"]}}"#,
             r#"{"seen":1,"more":2}"#,
             &format!(r#"{{"seen":1{}}}"#, " ".repeat(LONGEST)),
         ] {

@@ -239,29 +239,33 @@ function askForSettings() { settingsAskedAt = performance.now(); send("settings"
 settings.ontoggle = () => { if (settings.open) askForSettings(); };
 // The robot counts in single precision.
 const short = (value) => Number(value.toPrecision(7));
+// What was typed is judged where the command line judges it: a field for numbers alone drops a decimal comma without a word. A
+// telephone's keys for numbers have no minus, and no point where its owner writes a comma.
+const HAS_POINT = (1.5).toLocaleString().includes(".");
 function settingRow({ name, unit, minimum, maximum, default: usual, description }) {
-  const row = document.createElement("div"), label = document.createElement("label"), input = document.createElement("input"), help = document.createElement("small"), mark = document.createElement("em");
+  const row = document.createElement("div"), label = document.createElement("label"), input = document.createElement("input"), help = document.createElement("small"), mark = document.createElement("em"), refused = document.createElement("em");
   row.className = "setting";
   label.textContent = name;
   label.htmlFor = input.id = `setting-${name}`;
-  Object.assign(input, { type: "number", step: "any", min: short(minimum), max: short(maximum), required: true });
-  // Who scrolls the page, or reaches for f, changes no setting.
-  input.addEventListener("wheel", (event) => { if (document.activeElement === input) event.preventDefault(); }, { passive: false });
+  Object.assign(input, { type: "text", inputMode: minimum >= 0 && HAS_POINT ? "decimal" : "text", autocomplete: "off", spellcheck: false });
+  Object.assign(refused, { className: "refused", id: `refused-${name}` });
+  refused.setAttribute("role", "alert");
+  input.setAttribute("aria-describedby", refused.id);
   const restore = () => { if (!("edited" in input.dataset)) input.value = input.dataset.robot; };
   input.onkeydown = (event) => {
-    if (event.key === "ArrowUp" || event.key === "ArrowDown") event.preventDefault();
     if (event.key === "Escape") { delete input.dataset.edited; restore(); }
   };
   input.oninput = () => { input.dataset.edited = ""; };
   input.onchange = (event) => {
     delete input.dataset.edited;
-    if (!input.reportValidity()) return restore();
-    act({ set: [name, input.valueAsNumber] }, event);
+    const request = { set: [name, input.value] };
+    if (isTooLong(request)) { write(refused.id, "This is longer than any number."); return restore(); }
+    act(request, event);
     // What nobody answers was not taken.
     setTimeout(restore, ASK_AGAIN_MS);
   };
   help.textContent = `${short(minimum)} to ${short(maximum)}, at first ${short(usual)}. ${description ?? ""}`;
-  row.append(label, input, Object.assign(document.createElement("span"), { textContent: unit === "1" ? "" : unit }), mark, help);
+  row.append(label, input, Object.assign(document.createElement("span"), { textContent: unit === "1" ? "" : unit }), mark, refused, help);
   byId("settings-list").append(row);
   settingInputs.set(name, input);
   return input;
@@ -274,13 +278,16 @@ function showSettings(list) {
     input.parentElement.classList.toggle("changed", one.value !== one.default);
     // On what is assumed a robot does not arm.
     const mark = input.parentElement.querySelector("em");
+    write(`refused-${one.name}`, one.refused ?? "");
+    input.setAttribute("aria-invalid", String(Boolean(one.refused)));
     mark.textContent = one.mark ?? "";
     mark.className = one.mark === "assumed" ? "assumed" : "";
   }
 }
 byId("settings-find").oninput = ({ target }) => {
-  const wanted = target.value.trim().toLowerCase();
-  for (const input of settingInputs.values()) input.parentElement.hidden = !input.parentElement.textContent.toLowerCase().includes(wanted);
+  // The space bar stops: words are found without it.
+  const plain = (text) => text.toLowerCase().replace(/[\s_-]/g, ""), wanted = plain(target.value);
+  for (const input of settingInputs.values()) input.parentElement.hidden = !plain(input.parentElement.textContent).includes(wanted);
 };
 
 // ---- scope: one chart for each unit
@@ -327,7 +334,9 @@ function handOn({ index }) {
   return hands.get(index);
 }
 function forgetHands() { for (const hand of hands.values()) Object.assign(hand, { mode: undefined, neutral: false }); }
-const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" };
+const BUTTONS = { 1: "stop", 3: "clear", 8: "disarm", 9: "arm" }, LOWER = 0;
+// B is the right button on Xbox, and the lower one on Nintendo: a robot that walks is stopped by either.
+const commandOf = (index) => (index === LOWER && (isWanted() || snapshot?.telemetry?.state === "running") ? "stop" : BUTTONS[index]);
 // A stick that commands goes on to until it is well below where it began.
 const DEAD_ZONE = 0.25, DEFLECTED = 0.6, KEPT = 0.4, LEAD = 0.1, UNTOUCHED_MS = 30000;
 // A browser may have none, or give none to a page that is not encrypted. One that cannot be read is none: what it drives
@@ -373,7 +382,7 @@ function readGamepad(gamepad, now) {
     return "of a layout that is not known: its buttons stop";
   }
   if (!isWatched) release(hand);
-  for (const command of pressed.map((index) => BUTTONS[index])) {
+  for (const command of pressed.map(commandOf)) {
     if (command && (hand.neutral || command === "stop" || command === "disarm")) send(command);
   }
   if (!isWatched) return "without the focus: it stops, and disarms";

@@ -175,7 +175,9 @@ impl Pages {
             Some(Request::Settings) => cockpit.settings.read(client, now),
             Some(Request::Act(action)) if drives => cockpit.act(action, seen, client, now),
             Some(Request::Set(name, value)) if drives => {
-                cockpit.settings.set(name, value, client, now);
+                if let Err(why) = cockpit.settings.set(name, &value, client, now) {
+                    cockpit.note(now, Weight::Warning, &format!("not done: {why}"));
+                }
             }
             Some(Request::Save) if drives => cockpit.settings.save(client, now),
             Some(Request::Scope(channels, when)) if drives => match Wish::parse(&channels, &when) {

@@ -1,6 +1,6 @@
 //! What all pages see: one object of JSON, some thirty times a second.
 
-use flix_protocol::message::{Channel, SCOPE_RATE_HZ, State, Telemetry};
+use flix_protocol::message::{Channel, Parameter, SCOPE_RATE_HZ, State, Telemetry};
 use flix_protocol::units::Instant;
 use serde_json::{Value, json};
 
@@ -51,9 +51,14 @@ impl News {
     }
 }
 
-/// Returns the settings of the robot.
+/// Returns the settings of the robot, and why the last change was refused.
 fn settings(settings: &Settings) -> Value {
-    json!(settings.entries().iter().map(Described::from).collect::<Vec<_>>())
+    let one = |entry: &Parameter| {
+        let mut one = json!(Described::from(entry));
+        one["refused"] = json!(settings.refusal(&entry.name));
+        one
+    };
+    settings.entries().iter().map(one).collect()
 }
 
 /// Returns a capture of the scope: channels with unit and values, and the times of the first row and from row to row,

@@ -247,7 +247,12 @@ fn strangers_are_refused(url: &str) -> Outcome<()> {
         (&wrong, host, None, 403),
         (path, &strange, None, 403),
         (path, host, Some("http://evil.example"), 403),
+        (&path[..path.len() - 1], host, None, 308),
+        (&wrong[..wrong.len() - 1], host, None, 403),
         (&socket(path), host, Some(own.as_str()), 101),
+        // As `ssh -L` forwards it.
+        (&socket(path), "localhost:8080", Some("http://localhost:8080"), 101),
+        (path, &format!("{host}\r\nHost: {host}"), None, 400),
         (&socket(&wrong), host, Some(&own), 403),
         (&socket(path), host, Some("http://evil.example"), 403),
         (&socket(path), host, None, 403),
@@ -454,6 +459,24 @@ impl Desk {
         )
     }
 
+    /// Writes into the field of a setting as a person does, and waits until it shows this value, and the sentence at it.
+    fn type_in(&self, setting: &str, keys: &str, shown: &str) -> Outcome<()> {
+        let find = format!("const input = document.getElementById('setting-{setting}');");
+        self.until("a field", |desk| {
+            let focus = format!(
+                "{find} input.focus(); input.select(); return document.activeElement === input"
+            );
+            Ok(desk.browser.run(&focus)? == true)
+        })?;
+        for key in keys.chars() {
+            self.browser.press(key)?;
+        }
+        let look = format!("{find} if (document.activeElement === input) input.blur();
+                            const refused = document.getElementById('refused-{setting}').textContent;
+                            return [input.value, refused].join(' ').trim()");
+        self.until(shown, |desk| Ok(desk.browser.run(&look)? == shown))
+    }
+
     fn settings(&mut self) -> Outcome<()> {
         self.browser.go(&self.program.url)?;
         // What is shown first moves the page under a finger.
@@ -471,14 +494,33 @@ impl Desk {
         })?;
         self.change("current_limit", 1.75)?;
         self.change("current_limit", 2.0)?;
-        // What is out of range is said by the page, and not sent; Escape undoes what is not sent yet.
-        let refused = "const input = document.getElementById('setting-current_limit'); input.value = 99;
-                       input.dispatchEvent(new Event('change')); const refused = input.value;
-                       input.value = 1.2; input.dispatchEvent(new Event('input'));
-                       input.dispatchEvent(new KeyboardEvent('keydown', { key: 'Escape' })); input.blur();
-                       return [refused, input.value].join()";
-        if self.browser.run(refused)? != "2,2" {
-            return Err("99 A is no limit of a current".into());
+        // Keys of people who write a decimal comma, and the sign that pages print.
+        self.type_in("over_current", "2.7\u{e007}", "2.7")?;
+        let comma =
+            "2.7 over_current: `2,6` is not a number in A: write a decimal point, and no comma";
+        self.type_in("over_current", "2,6\u{e007}", comma)?;
+        self.type_in("over_current", "2600mA\u{e007}", "2.6")?;
+        self.type_in("top_electrical_offset", "\u{2212}12\u{e007}", "-12")?;
+        self.type_in(
+            "current_limit",
+            "99\u{e007}",
+            "2 current_limit must be from 0.8 to 2.6 A, not 99",
+        )?;
+        // Escape undoes what is not sent yet.
+        self.type_in(
+            "current_limit",
+            "1.2\u{e00c}",
+            "2 current_limit must be from 0.8 to 2.6 A, not 99",
+        )?;
+        self.type_in("current_limit", "2.0\u{e007}", "2")?;
+        // Whoever looks for a setting finds its words without the space bar.
+        let find = "const find = document.getElementById('settings-find'); find.value = 'CurrentLimit';
+                    find.dispatchEvent(new Event('input'));
+                    const shown = [...document.querySelectorAll('.setting')].filter((row) => row.offsetParent).length;
+                    find.value = ''; find.dispatchEvent(new Event('input'));
+                    return shown";
+        if !self.browser.run(find)?.as_u64().is_some_and(|shown| (1..9).contains(&shown)) {
+            return Err("the words of a setting are not found without a blank".into());
         }
         self.until_armed()?;
         self.until("no change while armed", |desk| {
@@ -689,6 +731,12 @@ impl Desk {
         self.pads(&format!("[null, window.pad(1, 'standard', window.stick), {pressed}]"))?;
         self.until_text("state", "stopped")?;
         self.arm()?;
+        // The lower button, which is B on a Nintendo pad, stops a robot that walks.
+        self.stick([0.0, 0.0])?;
+        self.walk(|desk| desk.push_from_neutral([0.0, -1.0]))?;
+        self.browser.run("window.buttons[0].pressed = true")?;
+        self.until_text("state", "stopped")?;
+        self.arm()?;
         // The second one drives, once it is touched; the first has a stick that drifts, and an axis without a number.
         self.stick([0.0, 0.0])?;
         let drifting = "window.pad(0, 'standard', [0.4, NaN])";
@@ -779,10 +827,11 @@ impl Desk {
         // A wheel over a field is none over its value.
         let wheel = "const input = document.getElementById('setting-current_limit');
                      input.disabled = false; input.focus();
-                     const wheel = new WheelEvent('wheel', { deltaY: 1, cancelable: true });
-                     const key = new KeyboardEvent('keydown', { key: 'ArrowUp', cancelable: true });
-                     input.dispatchEvent(wheel); input.dispatchEvent(key); input.blur();
-                     return wheel.defaultPrevented && key.defaultPrevented";
+                     const before = input.value;
+                     input.dispatchEvent(new WheelEvent('wheel', { deltaY: 1, cancelable: true }));
+                     const after = input.value;
+                     input.blur();
+                     return before !== '' && before === after && input.type === 'text'";
         if self.browser.run(wheel)? != true {
             return Err("a wheel changes a setting".into());
         }
