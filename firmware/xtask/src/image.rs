@@ -73,6 +73,11 @@ pub(crate) fn make(chip: Chip, elf: &Path) -> Result<PathBuf, Error> {
         }
     }
     println!("{}", image.display());
+    eprintln!(
+        "the application alone, for address 0x10000 of a board that holds espflash's boot loader and table of partitions: \
+         `esptool write-flash 0x10000 FILE`; a blank board needs those, too: `cargo flash-{}`",
+        chip.name()
+    );
     Ok(image)
 }
 

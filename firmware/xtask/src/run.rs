@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Error {
     /// A program is not installed.
-    #[error("{program} cannot be started ({source}): run `cargo xtask setup`")]
+    #[error("{program} cannot be started ({source}): {}", remedy(program))]
     Missing {
         /// Its name.
         program: String,
@@ -28,6 +28,18 @@ pub(crate) enum Error {
         /// What the system said.
         source: std::io::Error,
     },
+}
+
+/// Programs that `cargo xtask setup` brings.
+const BROUGHT: [&str; 4] = ["qemu", "chrom", "esptool", "rust"];
+
+/// Returns how a program comes onto this machine.
+fn remedy(program: &str) -> String {
+    let name = Path::new(program).file_name().map_or(program.into(), |name| name.to_string_lossy());
+    match BROUGHT.iter().any(|brought| name.starts_with(brought)) {
+        true => "run `cargo xtask setup`".to_owned(),
+        false => format!("install {name}, and name its folder in PATH"),
+    }
 }
 
 /// Returns the repository's folder.

@@ -20,7 +20,8 @@ const ESPTOOL: &str = "esptool==5.*";
 /// Where the security archive is named, if the machine's sources do not name it.
 const SECURITY_LIST: &str = "/etc/apt/sources.list.d/flix-walker-security.list";
 
-/// Brings everything that `build esp32c6`, `check`, `image`, `pil` and `size` need.
+/// Brings everything that `build esp32c6`, `check`, `image`, `pil` and `size` need, in this order: flashing comes first. A system
+/// without apt-get goes on without emulators.
 pub(crate) fn setup(args: &Args) -> Result<(), Error> {
     // Two at once would disturb each other.
     let lock = run::target_directory().join("xtask/setup.lock");
@@ -29,8 +30,8 @@ pub(crate) fn setup(args: &Args) -> Result<(), Error> {
     let held = File::open(&lock).map_err(file)?;
     held.lock().map_err(file)?;
     compiler()?;
-    emulator()?;
     image_maker()?;
+    emulator()?;
     if args.stock {
         stock::set_up()?;
     }
@@ -60,6 +61,9 @@ fn compiler() -> Result<(), Error> {
         println!("compiler: rustup's, with {RISCV_TARGET} and its sources");
         return Ok(());
     }
+    if !toolchain::debian_is_complete() && !has_packages() {
+        return Err(unreachable_compiler());
+    }
     if !toolchain::debian_is_complete() {
         println!("compiler: rustup cannot bring {RISCV_TARGET}; installing Debian's");
         refresh_packages(DEBIAN_COMPILER[0])?;
@@ -71,7 +75,16 @@ fn compiler() -> Result<(), Error> {
 
 fn emulator() -> Result<(), Error> {
     let programs = ["qemu-system-riscv32", "qemu-system-xtensa"];
-    if !programs.iter().all(|program| run::succeeds(run::command(program).arg("--version"))) {
+    let is_there = |program: &&str| run::succeeds(run::command(program).arg("--version"));
+    if !programs.iter().all(|program| is_there(&program)) && !has_packages() {
+        println!(
+            "emulators: left out, because this system has no apt-get; flashing needs none. `cargo xtask pil` needs {} in PATH: \
+             https://www.qemu.org/download",
+            programs.join(" and ")
+        );
+        return Ok(());
+    }
+    if !programs.iter().all(|program| is_there(&program)) {
         refresh_packages(DEBIAN_QEMU)?;
         install(&[DEBIAN_QEMU])?;
     }
@@ -94,14 +107,25 @@ fn image_maker() -> Result<(), Error> {
         return Ok(());
     }
     let environment = python_environment();
-    run::run(run::command("python3").args(["-m", "venv"]).arg(&environment))?;
-    run::run(run::command(environment.join("bin/pip")).args(["install", "--quiet", ESPTOOL]))?;
+    let is_python = |name: &&&str| run::succeeds(run::command(name).arg("--version"));
+    let Some(python) = ["python3", "python", "py"].iter().find(is_python) else {
+        return Err(Error::Sentence(
+            "flashing and images need a program: `cargo install espflash --locked`, or Python 3 for esptool".into(),
+        ));
+    };
+    run::run(run::command(python).args(["-m", "venv"]).arg(&environment))?;
+    run::run(run::command(of_python("pip")).args(["install", "--quiet", ESPTOOL]))?;
     println!("image maker: esptool, in {}", environment.display());
     Ok(())
 }
 
 fn python_environment() -> PathBuf {
     run::target_directory().join("xtask/python")
+}
+
+/// Returns where a program of the Python environment lies.
+fn of_python(program: &str) -> PathBuf {
+    python_environment().join(if cfg!(windows) { "Scripts" } else { "bin" }).join(program)
 }
 
 /// The program that makes flashable files.
@@ -119,12 +143,16 @@ impl ImageMaker {
         if run::succeeds(run::command("espflash").arg("--version")) {
             return Some(Self::Espflash);
         }
-        let ours = python_environment().join("bin/esptool");
-        [ours, "esptool".into()]
+        [of_python("esptool"), "esptool".into()]
             .into_iter()
             .find(|path| run::succeeds(run::command(path).arg("version")))
             .map(Self::Esptool)
     }
+}
+
+/// Returns whether packages of this system can be installed.
+fn has_packages() -> bool {
+    run::succeeds(run::command("apt-get").arg("--version"))
 }
 
 /// Prepares a command with the rights to install.
@@ -164,11 +192,15 @@ fn security_archive() -> Result<String, Error> {
         (Some("debian"), Some(codename)) => {
             Ok(format!("deb http://deb.debian.org/debian-security {codename}-security main"))
         }
-        _ => Err(Error::Sentence(format!(
-            "neither rustup nor this system's packages bring what is needed; \
-             with a network, `rustup target add {RISCV_TARGET}` does"
-        ))),
+        _ => Err(unreachable_compiler()),
     }
+}
+
+fn unreachable_compiler() -> Error {
+    Error::Sentence(format!(
+        "neither rustup nor this system's packages bring the compiler for {RISCV_TARGET}: with rustup (https://rustup.rs) and a \
+         network, `rustup target add {RISCV_TARGET}` does"
+    ))
 }
 
 fn install(packages: &[&str]) -> Result<(), Error> {
