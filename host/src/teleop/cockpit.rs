@@ -136,6 +136,7 @@ pub struct Cockpit {
     sampled: Instant,
     animated: Instant,
     asked: Vec<u32>,
+    battery_noted: Option<Instant>,
     attention: Option<Attention>,
 }
 
@@ -169,6 +170,7 @@ impl Cockpit {
             sampled: now,
             animated: now,
             asked: Vec::new(),
+            battery_noted: None,
             attention: None,
         }
     }
@@ -308,6 +310,12 @@ impl Cockpit {
             }
             Update::Event(report) => {
                 use flix_protocol::message::Event;
+                if let Event::BatteryLow(_) = report.event {
+                    let noted = self.battery_noted.replace(now);
+                    if noted.is_some_and(|at| now.since(at) < BATTERY_NOTED) {
+                        return;
+                    }
+                }
                 let weight = match report.event {
                     Event::Fault(_) | Event::LinkLost | Event::SettingsDefaulted => Weight::Alarm,
                     Event::Stopped
