@@ -500,7 +500,11 @@ impl Desk {
             "2.7 over_current: `2,6` is not a number in A: write a decimal point, and no comma";
         self.type_in("over_current", "2,6\u{e007}", comma)?;
         self.type_in("over_current", "2600mA\u{e007}", "2.6")?;
-        self.type_in("top_electrical_offset", "\u{2212}12\u{e007}", "-12")?;
+        let before =
+            self.browser.run("return document.getElementById('setting-top_encoder_zero').value")?;
+        let before = before.as_str().ok_or("no value")?.to_owned();
+        self.type_in("top_encoder_zero", "\u{2212}12\u{e007}", "-12")?;
+        self.type_in("top_encoder_zero", &format!("{before}\u{e007}"), &before)?;
         self.type_in(
             "current_limit",
             "99\u{e007}",
