@@ -229,6 +229,19 @@ byId("drive").onclick = (event) => { byId("drive").blur(); act("drive", event); 
 // At once, when the finger comes down.
 byId("stop").onpointerdown = () => act("stop");
 byId("stop").onclick = (event) => { if (event.detail) byId("stop").blur(); else act("stop"); };
+// A pinch, a field that is zoomed in, or a keyboard over the page leaves a part of it on the screen: STOP stays in that part, as
+// large as before, but covers no more than a third of it.
+const STOP_SHARE = 0.34;
+function keepStop() {
+  const { offsetLeft, offsetTop, width, height } = visualViewport, stop = byId("stop"), { offsetWidth, offsetHeight } = stop;
+  const across = width / offsetWidth, up = Math.min(across, STOP_SHARE * height / offsetHeight);
+  const right = offsetLeft - stop.offsetLeft + scrollX, down = offsetTop + height - up * offsetHeight - stop.offsetTop + scrollY;
+  const isAlmost = (a, b) => Math.abs(a - b) < 1;
+  const isWhole = isAlmost(right, 0) && isAlmost(width, offsetWidth) && isAlmost(offsetTop + height, stop.offsetTop + offsetHeight - scrollY);
+  stop.style.transform = isWhole ? "" : `translate(${right}px, ${down}px) scale(${across}, ${up})`;
+}
+// A browser that has none zooms no part of a page.
+if (window.visualViewport) for (const kind of ["resize", "scroll"]) visualViewport.addEventListener(kind, keepStop);
 
 // ---- settings: read when they are opened, each changed by itself
 const settings = byId("settings"), settingInputs = new Map();

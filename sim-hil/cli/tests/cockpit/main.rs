@@ -26,6 +26,7 @@ use flix_sim::rig::bench::{Base, learnt};
 use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 use flix_sim_cli::serve::serve;
 use page::Page;
+use serde_json::json;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -190,6 +191,7 @@ const DESKS: &[(&[&str], &[Test])] = &[
             ("small_screens_show_values_and_stop_whole", Desk::screens),
             ("the_scope_shows_its_channels", Desk::scope),
             ("settings_are_read_and_changed", Desk::settings),
+            ("stop_stays_on_the_screen_and_nothing_under_a_notch", Desk::zooms),
             ("keys_drive_and_the_space_bar_stops", Desk::keys),
             ("a_finger_drives_and_stops", Desk::finger),
             ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
@@ -457,6 +459,52 @@ impl Desk {
                 Ok(desk.browser.run(&seen)?.as_str() == Some(&value.to_string()))
             },
         )
+    }
+
+    /// Shows a part of the page as a pinch does, and another while a keyboard lies over it, which browsers of telephones say so.
+    fn zooms(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.browser.resize(390, 844)?;
+        let stop = "const { offsetLeft: x, offsetTop: y, width, height } = visualViewport, stop = document.getElementById('stop');
+                    const box = stop.getBoundingClientRect(), within = (a, b) => a > b - 1;
+                    const is_inside = within(box.left, x) && within(box.top, y) && within(x + width, box.right) && within(y + height, box.bottom);
+                    const reached = document.elementFromPoint((box.left + box.right) / 2, (box.top + box.bottom) / 2);
+                    return is_inside && stop.contains(reached) && box.width > 0.9 * width && box.height < 0.4 * height";
+        for scale in [1.0, 3.0, 5.0, 1.5] {
+            let pinch = json!({ "pageScaleFactor": scale });
+            self.browser.devtools("Emulation.setPageScaleFactor", &pinch)?;
+            self.until("STOP in what is shown", |desk| Ok(desk.browser.run(stop)? == true))?;
+            for (right, down) in [(-150, -200), (400, 600)] {
+                let pan = json!({ "x": 100, "y": 100, "xDistance": right, "yDistance": down });
+                self.browser.devtools("Input.synthesizeScrollGesture", &pan)?;
+                self.until("STOP in what is shown", |desk| Ok(desk.browser.run(stop)? == true))?;
+            }
+        }
+        self.browser.devtools("Emulation.setPageScaleFactor", &json!({ "pageScaleFactor": 1 }))?;
+        let is_whole = "return document.getElementById('stop').style.transform === ''";
+        self.until("STOP in its place", |desk| Ok(desk.browser.run(is_whole)? == true))?;
+        let keyboard = format!(
+            "Object.defineProperty(visualViewport, 'height', {{ value: 300, configurable: true }});
+             visualViewport.dispatchEvent(new Event('resize')); {stop}"
+        );
+        let zoomed = "return [...document.querySelectorAll('input')].filter((it) => parseFloat(getComputedStyle(it).fontSize) < 16).length";
+        if self.browser.run(&keyboard)? != true || self.browser.run(zoomed)? != 0 {
+            return Err("a keyboard lies over STOP, or a field is zoomed in".into());
+        }
+        self.browser.run(
+            "delete visualViewport.height; visualViewport.dispatchEvent(new Event('resize'))",
+        )?;
+        // A notch beside the page, and a bar below.
+        self.browser.resize(844, 390)?;
+        let insets = json!({ "insets": { "left": 47, "right": 47, "bottom": 21 } });
+        self.browser.devtools("Emulation.setSafeAreaInsetsOverride", &insets)?;
+        let hidden = "return [...document.querySelectorAll('aside button, aside input, header > *')].filter((it) => {
+                        const box = it.getBoundingClientRect();
+                        return box.width && (box.left < 47 || box.right > innerWidth - 47);
+                      }).length || getComputedStyle(document.body).overscrollBehaviorY !== 'none'";
+        self.until("nothing under the notch", |desk| Ok(desk.browser.run(hidden)? == false))?;
+        self.browser.devtools("Emulation.setSafeAreaInsetsOverride", &json!({ "insets": {} }))?;
+        self.browser.resize(0, 0)
     }
 
     /// Writes into the field of a setting as a person does, and waits until it shows this value, and the sentence at it.
