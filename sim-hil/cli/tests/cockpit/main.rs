@@ -203,6 +203,7 @@ const DESKS: &[(&[&str], &[Test])] = &[
             ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
             ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
             ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
+            ("inputs_count_whose_clock_is_not_that_of_the_page", Desk::clocks),
         ],
     ),
     (
@@ -505,6 +506,37 @@ impl Desk {
         self.until("nothing under the notch", |desk| Ok(desk.browser.run(hidden)? == false))?;
         self.browser.devtools("Emulation.setSafeAreaInsetsOverride", &json!({ "insets": {} }))?;
         self.browser.resize(0, 0)
+    }
+
+    /// Sends inputs whose times are of another clock than the page's, or of none.
+    fn clocks(&mut self) -> Outcome<()> {
+        self.arm()?;
+        let press = |time: &str, before: &str| {
+            format!(
+                "{before}; const key = new KeyboardEvent('keydown', {{ key: 'w', code: 'KeyW', bubbles: true }});
+                 Object.defineProperty(key, 'timeStamp', {{ value: {time} }});
+                 document.body.dispatchEvent(key)"
+            )
+        };
+        for time in ["0", "-60000", "Date.now()", "NaN"] {
+            let press = press(time, "");
+            self.walk(|desk| desk.browser.run(&press).map(drop))?;
+            self.browser.press('s')?;
+            self.until_resting()?;
+        }
+        // One that was queued while the page stood still, and one that is old for certain.
+        let stood = "const end = performance.now() + 400; while (performance.now() < end)";
+        for press in [press("0", stood), press("performance.now() - 900", "")] {
+            self.browser.run(&press)?;
+            self.stays_at_rest()?;
+        }
+        // A phone has slept: the clock of its inputs has not.
+        self.browser.run(
+            "const now = performance.now.bind(performance); performance.now = () => now() + 600000;",
+        )?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        self.browser.press(' ')?;
+        self.until_text("state", "stopped")
     }
 
     /// Writes into the field of a setting as a person does, and waits until it shows this value, and the sentence at it.
