@@ -204,6 +204,7 @@ const DESKS: &[(&[&str], &[Test])] = &[
             ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
             ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
             ("inputs_count_whose_clock_is_not_that_of_the_page", Desk::clocks),
+            ("states_are_seen_without_colours_and_keys_reach_the_panel", Desk::forms),
         ],
     ),
     (
@@ -506,6 +507,34 @@ impl Desk {
         self.until("nothing under the notch", |desk| Ok(desk.browser.run(hidden)? == false))?;
         self.browser.devtools("Emulation.setSafeAreaInsetsOverride", &json!({ "insets": {} }))?;
         self.browser.resize(0, 0)
+    }
+
+    /// Shows states without the colours of the page, and keeps the keys of the panel that drives from a screen reader.
+    fn forms(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        let differ = "const form = (it) => { const { backgroundColor, borderTopStyle, boxShadow } = getComputedStyle(it); return [backgroundColor, borderTopStyle, boxShadow]; };
+                      const [a, b] = ['true', 'false'].map((is) => form(document.querySelector(`[aria-pressed=${is}]`)));
+                      const stop = getComputedStyle(document.getElementById('stop')).backgroundColor;
+                      return a.filter((it, index) => it !== b[index]).length > 1 && stop === 'rgb(198, 32, 32)'";
+        for forced in ["none", "active"] {
+            let media = json!({ "features": [{ "name": "forced-colors", "value": forced }] });
+            self.browser.devtools("Emulation.setEmulatedMedia", &media)?;
+            self.until(&format!("forms with forced colours {forced}"), |desk| {
+                Ok(desk.browser.run(differ)? == true)
+            })?;
+        }
+        self.browser.devtools("Emulation.setEmulatedMedia", &json!({ "features": [] }))?;
+        let panel = "const [panel, other] = document.querySelectorAll('[role=application]');
+                     const has = (selector) => [...document.querySelectorAll(selector)].every((it) => panel.contains(it));
+                     return !other && has('[data-mode], .value button, [data-do=arm]') && !has('#log') && !has('#settings') && !has('#banner')";
+        if self.browser.run(panel)? != true {
+            return Err(
+                "a screen reader takes the keys of the panel, or cannot read the log".into()
+            );
+        }
+        self.browser.press('s')?;
+        self.until_resting()
     }
 
     /// Sends inputs whose times are of another clock than the page's, or of none.
