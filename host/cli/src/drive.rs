@@ -226,11 +226,12 @@ fn drive(
             log.write(|recorder| recorder.update(now, update));
             match update {
                 Update::Telemetry(telemetry) => log.held.add(start.elapsed(), telemetry),
-                Update::Event(report) if matches!(report.event, Event::BatteryLow(_)) => {
-                    // A contact that bounces says so again and again.
-                    if !std::mem::replace(&mut is_low, true) {
-                        bar.suspend(|| complain(explain::event(&report.event)));
-                    }
+                // A contact that bounces says so again and again.
+                Update::Event(report)
+                    if matches!(report.event, Event::BatteryLow(_))
+                        && !std::mem::replace(&mut is_low, true) =>
+                {
+                    bar.suspend(|| complain(explain::event(&report.event)));
                 }
                 _ => {}
             }
