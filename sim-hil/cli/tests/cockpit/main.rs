@@ -477,7 +477,7 @@ impl Desk {
             self.browser.devtools("Emulation.setPageScaleFactor", &pinch)?;
             self.until("STOP in what is shown", |desk| Ok(desk.browser.run(stop)? == true))?;
             for (right, down) in [(-150, -200), (400, 600)] {
-                let pan = json!({ "x": 100, "y": 100, "xDistance": right, "yDistance": down });
+                let pan = json!({ "x": 20, "y": 40, "xDistance": right, "yDistance": down });
                 self.browser.devtools("Input.synthesizeScrollGesture", &pan)?;
                 self.until("STOP in what is shown", |desk| Ok(desk.browser.run(stop)? == true))?;
             }
