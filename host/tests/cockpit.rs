@@ -3,7 +3,7 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use crate::support::{FakeRobot, key};
-use flix_host::link::Client;
+use flix_host::link::{Client, Update};
 use flix_host::teleop::Cockpit;
 use flix_host::teleop::action::Action;
 use flix_host::teleop::page::message::{Message, Request};
@@ -11,9 +11,9 @@ use flix_host::teleop::page::pages::{Misuse, PageId, Pages, SIGN_OF_LIFE};
 use flix_host::teleop::page::snapshot::snapshot;
 use flix_host::teleop::paper_modes::PaperMode;
 use flix_protocol::message::{
-    Command, Fault, Halt, Order, Request as Asked, Setpoint, State, ToRobot,
+    Command, Event, EventReport, Fault, Halt, Order, Request as Asked, Setpoint, State, ToRobot,
 };
-use flix_protocol::units::Instant;
+use flix_protocol::units::{Instant, Volts};
 use serde_json::json;
 
 /// Interval of a page's signs of life.
@@ -428,6 +428,18 @@ fn a_refused_change_is_said_and_the_settings_are_read_again() {
     room.ask(ANNA, Request::Set("no_such_setting".try_into().unwrap(), "1".into()));
     assert!(room.log().contains("not done"), "{}", room.log());
     assert!(room.cockpit.settings.revision() > revision);
+}
+
+#[test]
+fn a_low_battery_that_comes_and_goes_is_noted_once() {
+    let mut room = Room::new();
+    for number in 0..15 {
+        let event = Event::BatteryLow(Volts::new(9.5).unwrap());
+        let report = Update::Event(EventReport { number, time: room.now, event });
+        room.cockpit.observe(&report, &mut room.client, room.now);
+        room.run(Duration::from_millis(200));
+    }
+    assert_eq!(room.log().matches("battery low").count(), 1, "{}", room.log());
 }
 
 #[test]

@@ -554,6 +554,9 @@ impl Control {
         self.references = [Rotor::default(); 2];
         self.headroom = Headroom::new();
         self.monitor.restart();
+        // It may have been low long before anybody armed the robot.
+        let events = &mut self.supervisor.events;
+        events.battery_low = events.battery_low.wrapping_add(u8::from(self.battery_low));
     }
 
     /// Looks at the voltage headroom of a motor.

@@ -4,16 +4,14 @@ use std::f64::consts::TAU;
 use std::process::ExitCode;
 use std::time::{Duration, Instant as Clock};
 
-use flix_protocol::failsafe::{
-    BATTERY_LOW_VOLTS, LONGEST_MOVEMENT, SLOWEST_RAMP, longest_command_age, ramp_down,
-};
+use flix_protocol::failsafe::{LONGEST_MOVEMENT, SLOWEST_RAMP, longest_command_age, ramp_down};
 use flix_protocol::message::{
     Command, MAXIMUM_FREQUENCY, Magnet, Outcome, ResetReason, State, Telemetry,
 };
 use flix_protocol::units::Instant;
 
 use super::address::RobotArgs;
-use super::run::PoseArgs;
+use super::run::{PoseArgs, battery_low};
 use flix_host::commission::motor_name;
 use flix_host::link::explain;
 use flix_host::link::udp::Connection;
@@ -122,6 +120,8 @@ fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
     let mut findings = identity(&mut connection);
     findings.extend(movement(&mut connection));
     findings.extend(brakes(&mut connection));
+    // A robot that does not answer now is silent below, too.
+    let low = battery_low(&mut connection).ok().flatten();
     let begin = Clock::now();
     let first = connection.client().telemetry().copied();
     let watched = waiting("two seconds of telemetry", || watch(&mut connection, interrupt));
@@ -131,7 +131,7 @@ fn look_at_robot(robot: &RobotArgs, interrupt: &Interrupt) -> Vec<Finding> {
     }
     findings.push(link(&connection));
     findings.extend(supply(&mut connection));
-    findings.extend(telemetry(&connection, first, begin.elapsed()));
+    findings.extend(telemetry(&connection, first, begin.elapsed(), low));
     connection.leave();
     findings
 }
@@ -286,7 +286,12 @@ fn link(connection: &Connection) -> Finding {
     Finding::good("link", sentence)
 }
 
-fn telemetry(connection: &Connection, first: Option<Telemetry>, watched: Duration) -> Vec<Finding> {
+fn telemetry(
+    connection: &Connection,
+    first: Option<Telemetry>,
+    watched: Duration,
+    low: Option<f32>,
+) -> Vec<Finding> {
     let Some(telemetry) = connection.client().telemetry() else {
         return vec![Finding::bad("state", Exit::NoAnswer, "the robot sends no telemetry")];
     };
@@ -294,7 +299,7 @@ fn telemetry(connection: &Connection, first: Option<Telemetry>, watched: Duratio
         let clock = judge_clock(telemetry, telemetry.time.since(first.time), watched);
         judge_encoders(&first, telemetry).into_iter().chain([clock])
     });
-    let now = [judge_state(telemetry), judge_battery(telemetry)];
+    let now = [judge_state(telemetry), judge_battery(telemetry, low)];
     now.into_iter().chain(since_first.into_iter().flatten()).collect()
 }
 
@@ -338,9 +343,10 @@ fn judge_state(telemetry: &Telemetry) -> Finding {
     }
 }
 
-fn judge_battery(telemetry: &Telemetry) -> Finding {
+/// `low`: the voltage below which the robot calls its battery low, V.
+fn judge_battery(telemetry: &Telemetry, low: Option<f32>) -> Finding {
     match telemetry.bus_voltage.map(|volts| volts.get()) {
-        Some(volts) if volts < BATTERY_LOW_VOLTS => {
+        Some(volts) if low.is_some_and(|low| volts < low) => {
             let sentence = format_args!("{volts:.1} V: charge it");
             Finding::bad("battery", Exit::RobotFault, sentence)
         }
@@ -622,14 +628,16 @@ mod tests {
         for (finding, advice) in [
             (judge_state(&Telemetry { state: State::Faulted, faults, ..well }), "flix clear"),
             (judge_state(&Telemetry { stopped: true, ..well }), "latched"),
-            (judge_battery(&Telemetry { bus_voltage: empty, ..well }), "9.7 V: charge"),
+            (judge_battery(&Telemetry { bus_voltage: empty, ..well }, Some(9.9)), "9.7 V: charge"),
             (judge_clock(&well, two / 2, two), "0.50 of the speed"),
         ] {
             assert!(!finding.ok && finding.sentence.contains(advice), "{finding:?}");
         }
-        assert!(
-            judge_state(&well).ok && judge_battery(&well).ok && judge_clock(&well, two, two).ok
-        );
+        // Two full cells are none of three that are empty.
+        let two_cells = Telemetry { bus_voltage: Volts::new(8.2).ok(), ..well };
+        assert!(judge_battery(&two_cells, Some(6.6)).ok && judge_battery(&two_cells, None).ok);
+        assert!(judge_state(&well).ok && judge_battery(&well, Some(9.9)).ok);
+        assert!(judge_clock(&well, two, two).ok);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use flix_protocol::message::{Setpoint, Telemetry};
+use flix_protocol::message::{Event, Setpoint, Telemetry};
 use flix_protocol::units::{self, Degrees, Hertz, OutOfRange};
 use serde::Serialize;
 
@@ -14,7 +14,7 @@ use super::address::RobotArgs;
 use super::moved::{Motion, Walked};
 use super::run::{HeightCheck, PoseArgs, record};
 use flix_host::link::udp::{Connection, FAREWELL_PATIENCE, STOP_PATIENCE};
-use flix_host::link::{LinkError, RobotLink, Update, errors, is_reached};
+use flix_host::link::{LinkError, RobotLink, Update, errors, explain, is_reached};
 use flix_host::pose::PoseSource;
 use flix_host::pose::any::Poses;
 use flix_host::record::{RecordError, Recorder};
@@ -24,7 +24,7 @@ use flix_host::system::text::fixed;
 use flix_host::teleop::paper_modes::PaperMode;
 use flix_shell::number::in_unit;
 use flix_shell::output::{
-    milliseconds, optional_path_as_text, print, print_json, progress, waiting,
+    complain, milliseconds, optional_path_as_text, print, print_json, progress, waiting,
 };
 use flix_shell::stream::StreamArgs;
 use flix_shell::time::positive_duration;
@@ -218,13 +218,22 @@ fn drive(
     // Poses that waited for the arming show no drive.
     log.look(now);
     log.walked = None;
+    let mut is_low = false;
     while start.elapsed() < duration {
         let left = duration.saturating_sub(start.elapsed());
         let trouble = connection.wait_for(left.min(SLICE), |_, update| {
             let now = began + start.elapsed();
             log.write(|recorder| recorder.update(now, update));
-            if let Update::Telemetry(telemetry) = update {
-                log.held.add(start.elapsed(), telemetry);
+            match update {
+                Update::Telemetry(telemetry) => log.held.add(start.elapsed(), telemetry),
+                // A contact that bounces says so again and again.
+                Update::Event(report)
+                    if matches!(report.event, Event::BatteryLow(_))
+                        && !std::mem::replace(&mut is_low, true) =>
+                {
+                    bar.suspend(|| complain(explain::event(&report.event)));
+                }
+                _ => {}
             }
             LinkError::while_driven(update)
         })?;

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
 use flix_protocol::message::Setpoint;
 use flix_protocol::units::{Degrees, Hertz};
 
@@ -34,9 +33,10 @@ struct GridArgs {
     /// Directions of the grid, degrees [default: -90,-60,-30,0,30,60,90].
     #[arg(long, value_name = "DEG", value_delimiter = ',', allow_hyphen_values = true, value_parser = direction, requires = "grid")]
     directions: Vec<f32>,
-    /// Voltage of the resting robot's battery below which the grid ends, V; where the board measures it.
-    #[arg(long, value_name = "V", default_value_t = BATTERY_LOW_VOLTS, value_parser = volts, requires = "grid")]
-    least_battery: f32,
+    /// Voltage of the resting robot's battery below which the grid ends, V, where the board measures it [default: the
+    /// robot's setting `battery_low`].
+    #[arg(long, value_name = "V", value_parser = volts, requires = "grid")]
+    least_battery: Option<f32>,
 }
 
 /// Frequencies of the usual grid, Hz: a choice of ours, as the paper names none.
@@ -153,13 +153,17 @@ fn walk_grid(args: &Args, file: &Path) -> Result<ExitCode, Error> {
         let pairs = round.iter().map(|pair| (grid::name(pair), *pair)).collect::<Vec<_>>();
         let names = pairs.iter().map(|(name, _)| name.clone());
         let names = names.chain(["back".to_owned()]).collect();
+        let mut run = Run::open(&args.robot, &args.poses)?;
+        let least_battery = match args.grid.least_battery {
+            None => run.battery_low()?,
+            given => given,
+        };
         let helm = Identification::new(IdentificationSettings {
             rounds: 1,
-            least_battery: Some(args.grid.least_battery),
+            least_battery,
             known: grid.modes(sheet.rows()),
             ..args.identification.settings(pairs)
         });
-        let run = Run::open(&args.robot, &args.poses)?;
         let record = &args.files.record;
         Experimenter { name: "grid", robot, record, sheet, json: false }.walk(run, helm, names)?;
     }
@@ -186,7 +190,7 @@ mod tests {
             grid: None,
             frequencies: vec![30.0, -30.0, 30.0],
             directions: vec![0.0, 90.0],
-            least_battery: 9.9,
+            least_battery: None,
         };
         let names: Vec<String> = args.pairs(1).pairs.iter().map(grid::name).collect();
         assert_eq!(names, ["30:0", "30:90", "-30:0", "-30:90"]);

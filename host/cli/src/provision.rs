@@ -1,5 +1,6 @@
 //! `flix provision`: gives a robot its name, network and key over its serial port.
 
+use std::borrow::Cow;
 use std::fs;
 use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
@@ -18,7 +19,8 @@ use flix_host::link::keys::{self, Keyring};
 use flix_host::link::serial::{SerialError, SerialRobot};
 use flix_host::system::file;
 use flix_host::system::interrupt::Interrupt;
-use flix_shell::output::print;
+use flix_host::system::text::printable;
+use flix_shell::output::{complain, print};
 use flix_shell::{Error, Exit};
 
 /// Environment variable with the network's password.
@@ -399,6 +401,18 @@ fn unsettled(name: &str, error: SerialError) -> Error {
 }
 
 fn password(args: &Args) -> Result<Zeroizing<String>, Error> {
+    let password = given_password(args)?;
+    let is_hidden = matches!(printable(&password), Cow::Owned(_));
+    let is_blank = password.trim().len() < password.len();
+    if is_hidden || is_blank || password.contains(|it: char| it != ' ' && it.is_whitespace()) {
+        complain(
+            "the password begins or ends with a blank, or has a character that is not seen: it is taken as it is",
+        );
+    }
+    Ok(password)
+}
+
+fn given_password(args: &Args) -> Result<Zeroizing<String>, Error> {
     if args.open {
         return Ok(Zeroizing::default());
     }
@@ -420,5 +434,7 @@ fn read_password(path: &Path) -> Result<Zeroizing<String>, Error> {
     let text = file::read_text(path)
         .map(Zeroizing::new)
         .map_err(|error| Error::usage(format_args!("{}: {error}", path.display())))?;
+    // As some editors begin a file.
+    let text = text.trim_start_matches('\u{feff}');
     Ok(Zeroizing::new(text.lines().next().unwrap_or_default().to_owned()))
 }

@@ -14,7 +14,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::address::RobotArgs;
 use super::status::TELEMETRY_PATIENCE;
 use flix_host::link::udp::Connection;
-use flix_host::link::{RobotLink, StopState};
+use flix_host::link::{LinkError, RobotLink, StopState};
 use flix_host::pilot::{Ending, Helm, Pilot, real_time};
 use flix_host::pose::PoseSample;
 use flix_host::pose::any::Poses;
@@ -286,6 +286,12 @@ impl Run {
         ended
     }
 
+    /// Returns the voltage below which the robot calls its battery low, V; `None` where it has no such setting.
+    pub fn battery_low(&mut self) -> Result<Option<f32>, Error> {
+        self.connection.wait_until_connected()?;
+        Ok(battery_low(&mut self.connection)?)
+    }
+
     /// Closes the session, and returns how far the stop of a run that failed has come. It stays latched until `flix clear`.
     pub fn leave(mut self) -> StopState {
         self.connection.leave();
@@ -308,6 +314,15 @@ impl Run {
     /// Returns the time of the run, which starts with the connection.
     pub fn now(&self) -> Instant {
         self.connection.now()
+    }
+}
+
+/// Returns the voltage below which a robot calls its battery low, V; `None` where it has no such setting.
+pub fn battery_low(connection: &mut Connection) -> Result<Option<f32>, LinkError> {
+    match connection.parameter("battery_low") {
+        Ok(parameter) => Ok(Some(parameter.value)),
+        Err(LinkError::Refused(_)) => Ok(None),
+        Err(error) => Err(error),
     }
 }
 

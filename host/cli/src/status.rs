@@ -17,7 +17,7 @@ use flix_host::link::udp::Connection;
 use flix_host::link::{Client, LinkError};
 use flix_host::link::{RobotLink, explain};
 use flix_host::system::interrupt::Interrupt;
-use flix_host::system::text::printable;
+use flix_host::system::text::{fixed, printable};
 use flix_shell::output::{milliseconds, print, print_json};
 use flix_shell::{Error, Exit};
 
@@ -300,16 +300,27 @@ fn describe(status: &Status, name: &str) -> String {
             }
         }
     }
+    let fixed = |value: f32, decimals| fixed(value.into(), decimals);
     let Shaking { frequency_hz, direction_deg } = status.commanded;
-    row("commanded", format!("f {frequency_hz:.1} Hz, theta {direction_deg:.0} deg"));
+    row(
+        "commanded",
+        format!("f {} Hz, theta {} deg", fixed(frequency_hz, 1), fixed(direction_deg, 0)),
+    );
     let Shaking { frequency_hz, direction_deg } = status.measured;
-    row("measured", format!("f {frequency_hz:.2} Hz, theta {direction_deg:.1} deg"));
+    row(
+        "measured",
+        format!("f {} Hz, theta {} deg", fixed(frequency_hz, 2), fixed(direction_deg, 1)),
+    );
     for (name, motor) in [("top", status.motors.top), ("bottom", status.motors.bottom)] {
         let Motor { angle_deg, speed_hz, current_d_a, current_q_a, encoder } = motor;
         row(
             name,
             format!(
-                "{angle_deg:.1} deg, {speed_hz:.2} Hz, d {current_d_a:.2} A, q {current_q_a:.2} A"
+                "{} deg, {} Hz, d {} A, q {} A",
+                fixed(angle_deg, 1),
+                fixed(speed_hz, 2),
+                fixed(current_d_a, 2),
+                fixed(current_q_a, 2)
             ),
         );
         let Encoder { dropped, corrected, magnet } = encoder;

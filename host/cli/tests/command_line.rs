@@ -98,6 +98,19 @@ fn a_key_comes_by_a_pipe_or_standard_input_where_its_file_is_not_ones_own() {
 }
 
 #[test]
+fn a_drive_on_a_low_battery_says_so_and_records_it() {
+    let mut low = robot();
+    low.is_low = true;
+    let (_served, address) = serve(low);
+    let operator = Operator::new();
+    operator.flix(&drive(&address, &[])).expect(0, &["flix: battery low: 9.5 V"]);
+    let folder = std::fs::read_dir(operator.home.path().join("out/runs")).unwrap();
+    let file = folder.flatten().map(|it| it.path()).find(|it| it.extension().is_some());
+    let run = flix_host::record::Run::read(&file.unwrap()).unwrap();
+    assert!(run.events.iter().any(|row| format!("{row:?}").contains("battery low")));
+}
+
+#[test]
 fn a_terminal_that_takes_nothing_holds_up_no_drive() {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     use std::os::unix::ffi::OsStringExt as _;

@@ -474,12 +474,24 @@ fn a_fixed_address_is_sent_and_remembered() {
 }
 
 #[test]
-fn the_password_can_come_from_a_file() {
-    let (operator, robot) = (Operator::new(), CabledRobot::new());
-    let file = operator.home.path().join("password");
-    fs::write(&file, "from a file\n").unwrap();
-    operator.provisions(&robot, &["--ssid", "lab", "--password-file", file.to_str().unwrap()]);
-    assert_eq!(robot.kept().password(), "from a file");
+fn the_password_can_come_from_a_file_and_what_is_not_seen_in_it_is_remarked() {
+    for (text, password, is_remarked) in [
+        ("from a file\n", "from a file", false),
+        // As editors of Windows write it.
+        ("\u{feff}from a file\r\n", "from a file", false),
+        ("blank at the end \n", "blank at the end ", true),
+        ("\u{a0}no break", "\u{a0}no break", true),
+        ("no\u{200b}width", "no\u{200b}width", true),
+        ("an em\u{2003}quad", "an em\u{2003}quad", true),
+    ] {
+        let (operator, robot) = (Operator::new(), CabledRobot::new());
+        let file = operator.home.path().join("password");
+        fs::write(&file, text).unwrap();
+        let words = ["--ssid", "lab", "--password-file", file.to_str().unwrap()];
+        let said = operator.provisions(&robot, &words);
+        assert_eq!(robot.kept().password(), password);
+        assert_eq!(said.contains("taken as it is"), is_remarked, "{text:?}: {said}");
+    }
 }
 
 #[test]

@@ -19,19 +19,11 @@ use flix_host::system::text::{printable, printable_lines};
 /// Prints a text on stdout, as far as it is one ([`printable_lines`]). A reader that has closed the pipe (`| head`) is not an error.
 ///
 /// # Errors
-/// When stdout cannot be written.
+/// When stdout cannot be written, or is a terminal that takes nothing.
 pub fn print(text: &str) -> Result<(), Error> {
     // What was complained of before stands before it.
     let _ = stderr().wait(Some(PATIENCE));
     stdout().put(printable_lines(text).as_bytes());
-    printed()
-}
-
-/// Waits until all is printed that was [put](crate::outlet::Outlet::put) on stdout.
-///
-/// # Errors
-/// When stdout cannot be written, or is a terminal that takes nothing.
-pub fn printed() -> Result<(), Error> {
     match stdout().wait(None) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(Error::usage(format_args!("stdout cannot be written: {error}")))

@@ -436,6 +436,11 @@ impl Client {
         self.updates.pop_front()
     }
 
+    /// Puts updates back that were taken before their time, in their order.
+    pub(crate) fn put_back(&mut self, updates: Vec<Update>) {
+        updates.into_iter().rev().for_each(|update| self.updates.push_front(update));
+    }
+
     /// Receives a datagram from the robot's address.
     pub fn receive(&mut self, now: Instant, datagram: &[u8]) {
         if let Some(beside) = &mut self.beside

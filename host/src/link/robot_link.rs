@@ -292,7 +292,13 @@ pub trait RobotLink {
         self.press_by(|client, now| client.insist_on(now, Wish::Arm, ARM_PATIENCE))?;
         // The client itself ends a wish without an effect, and says why.
         let deadline = self.operate().1 + ARM_PATIENCE + KEEP_ALIVE;
+        // What happens meanwhile is for whoever drives the robot then.
+        let mut happened = Vec::new();
         let ended = self.look_in_session(deadline, |client, now, update| match update {
+            Some(event @ Update::Event(_)) => {
+                happened.push(event.clone());
+                None
+            }
             Some(Update::Telemetry(telemetry)) => {
                 let is_armed = matches!(telemetry.state, State::Armed | State::Running);
                 (is_armed && client.order().permit().is_some()).then_some(Ok(()))
@@ -305,6 +311,7 @@ pub trait RobotLink {
             }
             None => None,
         })?;
+        self.operate().0.put_back(happened);
         let known = self.telemetry().and_then(|it| LinkError::of_idle(&it));
         Ok(ended.map_err(|error| known.unwrap_or(error))?)
     }

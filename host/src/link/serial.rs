@@ -32,8 +32,8 @@ const SLICE: Duration = Duration::from_millis(50);
 pub enum SerialError {
     /// The port could not be opened.
     #[error(
-        "the serial port {} cannot be opened: {source}; check its name (`ls /dev/tty*`), and that you may use it (group `dialout`)",
-        port.display()
+        "the serial port {} cannot be opened: {source}; {}",
+        port.display(), advice(source.kind(), cfg!(windows), &SerialPort::available_ports().unwrap_or_default())
     )]
     Open {
         /// The port.
@@ -61,6 +61,33 @@ pub enum SerialError {
     /// A signal arrived.
     #[error("interrupted")]
     Interrupted,
+}
+
+/// Returns what to do about a serial port that cannot be opened. `ports`: those of this computer.
+fn advice(kind: io::ErrorKind, is_windows: bool, ports: &[PathBuf]) -> String {
+    let group = if is_windows { "" } else { "; a port belongs to the group `dialout`" };
+    match kind {
+        // Windows grants a port to one program, and denies it to others.
+        io::ErrorKind::PermissionDenied if !is_windows => {
+            "you may not use it: join its group, `sudo usermod -aG dialout $USER`, and log in again"
+                .to_owned()
+        }
+        io::ErrorKind::ResourceBusy | io::ErrorKind::PermissionDenied => {
+            "another program has it open: close it (a serial monitor, an editor, ModemManager)"
+                .to_owned()
+        }
+        _ if ports.is_empty() => {
+            let taken =
+                if is_windows { "" } else { "; `brltty` of Ubuntu takes those with a CH340" };
+            format!(
+                "this computer has no serial port: plug in a cable that carries data{taken}{group}"
+            )
+        }
+        _ => {
+            let named: Vec<_> = ports.iter().map(|port| port.display().to_string()).collect();
+            format!("the ports of this computer are {}{group}", named.join(", "))
+        }
+    }
 }
 
 /// A robot at the other end of a serial cable.
@@ -201,4 +228,27 @@ fn is_transient(error: &io::Error) -> bool {
         error.kind(),
         io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_that_cannot_be_opened_is_answered_with_its_cause() {
+        use io::ErrorKind::{NotFound, PermissionDenied, ResourceBusy};
+        let ports = [PathBuf::from("/dev/ttyACM0")];
+        for (kind, is_windows, ports, word) in [
+            (ResourceBusy, false, &ports[..], "another program"),
+            (PermissionDenied, true, &ports, "another program"),
+            (PermissionDenied, false, &ports, "usermod -aG dialout"),
+            (NotFound, false, &ports, "/dev/ttyACM0"),
+            (NotFound, true, &ports, "/dev/ttyACM0"),
+            (NotFound, false, &[], "brltty"),
+        ] {
+            let said = advice(kind, is_windows, ports);
+            assert!(said.contains(word), "{kind:?}: {said}");
+            assert!(!(is_windows && said.contains("dialout")), "{said}");
+        }
+    }
 }

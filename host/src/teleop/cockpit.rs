@@ -36,6 +36,10 @@ const SHOWN_SILENCE: Duration = Duration::from_millis(150);
 const ASSUMED_CURRENT_LIMIT: f32 = 3.0;
 /// Setting at the end of the current's gauge.
 const CURRENT_LIMIT: &str = "current_limit";
+/// The setting below which the battery is low, V.
+const BATTERY_LOW: &str = "battery_low";
+/// A low battery that comes and goes, as by a contact that bounces, is noted once in this time.
+const BATTERY_NOTED: Duration = Duration::from_secs(10);
 
 /// State of the link.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -106,6 +110,8 @@ pub struct Cockpit {
     pub is_stopping: bool,
     /// End of the current's gauge, A.
     pub current_limit: f32,
+    /// Voltage below which the battery is low, V; `None` until the robot has stated it.
+    pub battery_low: Option<f32>,
     /// History, oldest first.
     pub history: VecDeque<Sample>,
     /// Log, oldest first.
@@ -130,6 +136,7 @@ pub struct Cockpit {
     sampled: Instant,
     animated: Instant,
     asked: Vec<u32>,
+    battery_noted: Option<Instant>,
     attention: Option<Attention>,
 }
 
@@ -147,6 +154,7 @@ impl Cockpit {
             setpoint: Setpoint::REST,
             is_stopping: false,
             current_limit: ASSUMED_CURRENT_LIMIT,
+            battery_low: None,
             history: VecDeque::new(),
             log: VecDeque::new(),
             is_unrecorded: false,
@@ -162,6 +170,7 @@ impl Cockpit {
             sampled: now,
             animated: now,
             asked: Vec::new(),
+            battery_noted: None,
             attention: None,
         }
     }
@@ -216,8 +225,9 @@ impl Cockpit {
         self.link = Link::Connected;
         self.heard = now;
         self.note(now, Weight::Note, "connected: Enter arms, the space bar always stops");
-        let limit = CURRENT_LIMIT.try_into().map(ParameterCommand::Get).map(Command::Parameter);
-        self.asked = [Some(Command::Identify), limit.ok()]
+        let get =
+            |name: &str| name.try_into().map(ParameterCommand::Get).map(Command::Parameter).ok();
+        self.asked = [Some(Command::Identify), get(CURRENT_LIMIT), get(BATTERY_LOW)]
             .into_iter()
             .flatten()
             .map(|command| client.request(now, command))
@@ -300,6 +310,12 @@ impl Cockpit {
             }
             Update::Event(report) => {
                 use flix_protocol::message::Event;
+                if let Event::BatteryLow(_) = report.event {
+                    let noted = self.battery_noted.replace(now);
+                    if noted.is_some_and(|at| now.since(at) < BATTERY_NOTED) {
+                        return;
+                    }
+                }
                 let weight = match report.event {
                     Event::Fault(_) | Event::LinkLost | Event::SettingsDefaulted => Weight::Alarm,
                     Event::Stopped
@@ -519,7 +535,7 @@ impl Cockpit {
                 self.identity = Some(identity.clone());
             }
             Outcome::Parameter(parameter) if self.asked.contains(&request) => {
-                self.current_limit = parameter.value;
+                self.know(&parameter.name, parameter.value);
             }
             // A robot may lack a setting that was asked for at the beginning.
             Outcome::Refused(_) if self.asked.contains(&request) => {}
@@ -527,8 +543,10 @@ impl Cockpit {
                 self.note(now, Weight::Warning, &format!("not done: {refusal}"));
             }
             _ if about == Some(Answered::List) => {
-                if let Some(limit) = self.settings.value(CURRENT_LIMIT) {
-                    self.current_limit = limit;
+                for name in [CURRENT_LIMIT, BATTERY_LOW] {
+                    if let Some(value) = self.settings.value(name) {
+                        self.know(name, value);
+                    }
                 }
             }
             Outcome::Parameter(set) if about == Some(Answered::Change) => {
@@ -539,6 +557,14 @@ impl Cockpit {
                 self.note(now, Weight::Note, "the settings are saved");
             }
             _ => {}
+        }
+    }
+
+    /// Takes the value of a setting that is shown.
+    fn know(&mut self, name: &str, value: f32) {
+        match name {
+            BATTERY_LOW => self.battery_low = Some(value),
+            _ => self.current_limit = value,
         }
     }
 

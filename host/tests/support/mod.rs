@@ -78,6 +78,8 @@ pub struct FakeRobot {
     pub ramps_down_for: u32,
     /// Does not arm with the settings that it has.
     pub minds_settings: bool,
+    /// Reports a low battery as soon as it is armed.
+    pub is_low: bool,
     /// Never takes its link for steady.
     pub is_unproven: bool,
     /// The number that an order has to carry.
@@ -131,6 +133,7 @@ impl FakeRobot {
             reports_of_late_commands: 0,
             ramps_down_for: 0,
             minds_settings: false,
+            is_low: false,
             is_unproven: false,
             permit: Permit::default(),
             halted_by: Halt::Started,
@@ -281,6 +284,9 @@ impl FakeRobot {
         self.climb_ladder(now);
         self.look(now);
         let mut datagrams = Vec::new();
+        if self.state == State::Armed && std::mem::take(&mut self.is_low) {
+            datagrams.extend(self.report(now, Event::BatteryLow(Volts::saturating(9.5))));
+        }
         if let (Some(fault), State::Running) = (self.fault_when_running, self.state) {
             self.fail(fault);
             datagrams.extend(self.report(now, Event::Fault(fault)));

@@ -523,6 +523,16 @@ fn frequency_battery_and_share_of_its_voltage_are_reported() {
 }
 
 #[test]
+fn a_robot_that_is_armed_on_a_low_battery_says_so_again() {
+    let mut bench = Bench::new(None);
+    bench.bus = 9.5;
+    bench.run(0.5);
+    let said = bench.control.report().events.battery_low;
+    bench.arm();
+    assert_eq!((said, bench.control.report().events.battery_low), (1, 2));
+}
+
+#[test]
 fn an_open_phase_is_named_in_alignment_and_nothing_spins() {
     let mut bench = Bench::new(FREE);
     bench.motors[0].open = true;

@@ -15,7 +15,6 @@
 use std::f32::consts::PI;
 use std::time::Duration;
 
-use flix_protocol::failsafe::BATTERY_LOW_VOLTS;
 use flix_protocol::message::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, State, Telemetry};
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Rect};
@@ -48,8 +47,10 @@ const MAP_MARGIN: f64 = 0.3;
 /// Length of the robot on the map, m (paper, Table I).
 const ROBOT_LENGTH: f64 = 0.22;
 
-/// Battery gauge: empty and full three-cell pack, V (3.0 and 4.2 V a cell).
-const BATTERY_RANGE: (f32, f32) = (9.0, 12.6);
+/// Voltages of a cell: empty, low and full, V.
+const CELL: [f32; 3] = [3.0, 3.3, 4.2];
+/// Cells that are taken until the robot has stated the voltage of its low battery.
+const ASSUMED_CELLS: f32 = 3.0;
 /// Width of the time before a line of the log, characters.
 const LOG_INDENT: usize = 9;
 /// Loss above which it is shown in red.
@@ -251,11 +252,9 @@ fn gauge_lines(cockpit: &Cockpit, telemetry: &Telemetry, width: usize) -> Vec<Li
         let color = if share > 0.9 { Color::Red } else { color };
         row(name, filled(share, bar, color), format!("{current:.2} A"))
     };
-    let (empty, full) = BATTERY_RANGE;
-    let battery_color = match battery {
-        Some(voltage) if voltage < BATTERY_LOW_VOLTS => Color::Red,
-        _ => Color::Green,
-    };
+    let (empty, full) = battery_range(cockpit);
+    let is_low = battery.zip(cockpit.battery_low).is_some_and(|(voltage, low)| voltage < low);
+    let battery_color = if is_low { Color::Red } else { Color::Green };
     vec![
         row(
             "f",
@@ -437,6 +436,13 @@ struct Curve {
     color: Color,
 }
 
+/// Returns the voltages of the empty and the full battery, V.
+fn battery_range(cockpit: &Cockpit) -> (f32, f32) {
+    let [empty, low, full] = CELL;
+    let cells = cockpit.battery_low.map_or(ASSUMED_CELLS, |stated| stated / low);
+    (cells * empty, cells * full)
+}
+
 /// Returns a number with its sign; what is shown as nothing has a plus.
 fn signed(value: f32, digits: usize) -> String {
     let text = format!("{value:+.digits$}");
@@ -451,7 +457,7 @@ fn draw_histories(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
     };
     let (f, theta, limit) =
         (MAXIMUM_FREQUENCY.get(), MAXIMUM_DIRECTION.get(), cockpit.current_limit);
-    let (empty, full) = BATTERY_RANGE;
+    let (empty, full) = battery_range(cockpit);
     let curve = |name, quantity, range, value, color| Curve { name, quantity, range, value, color };
     let rows = [
         curve(

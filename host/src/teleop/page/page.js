@@ -2,6 +2,27 @@ const byId = (id) => document.getElementById(id);
 const modes = JSON.parse(byId("mode-table").textContent);
 // An input that waited longer, in a page that hung, is not what its operator wants now. What calms is always sent.
 const OLD_INPUT_MS = 250, CALMING = ["stop", "rest", "disarm"];
+// The clock of inputs may be another one than that of the page, or stand at 0. An input of unknown age counts while the page is seen,
+// and draws: one that was queued while a phone slept comes before its page has drawn.
+const DRAWN_MS = 300, STEADY_MS = 1000, SLEPT_MS = 1000;
+let drawnAt = -Infinity, steadySince = -Infinity;
+const isDrawn = () => document.visibilityState === "visible" && performance.now() - drawnAt < DRAWN_MS;
+// By how much the clock of inputs is behind that of the page, which alone goes on while some phones sleep: after a sleep the least age
+// of an input that came while the page draws steadily.
+let lag = 0;
+function ageOf(event) {
+  const now = performance.now(), age = now - event.timeStamp;
+  if (!(event.timeStamp > 0 && age >= 0)) return undefined;
+  if (lag !== 0 && isDrawn() && now - steadySince > STEADY_MS) lag = Math.min(lag, age);
+  return lag === Infinity ? age : age - lag;
+}
+for (const kind of ["pointerdown", "pointermove", "keydown", "keyup"]) addEventListener(kind, ageOf, { capture: true, passive: true });
+function noteFrame() {
+  const now = performance.now(), gap = now - drawnAt;
+  if (gap > DRAWN_MS) steadySince = now;
+  if (gap > SLEPT_MS && gap < Infinity) lag = Infinity;
+  drawnAt = now;
+}
 // What the robot commands to rest by itself is noticed in this time.
 const SETTLED_MS = 400;
 
@@ -96,8 +117,11 @@ function say(text) { remark = { text, at: performance.now() }; }
 const drives = () => snapshot !== undefined && snapshot.driver === me;
 const isWanted = () => snapshot !== undefined && snapshot.wanted[0] !== 0;
 function act(request, event) {
-  const age = event ? performance.now() - event.timeStamp : 0;
-  if (age > OLD_INPUT_MS && !CALMING.includes(request)) return say(`an input came ${(age / 1000).toFixed(1)} s late and was passed over`);
+  if (event && !CALMING.includes(request)) {
+    const age = ageOf(event);
+    if (age === undefined && !isDrawn()) return say("an input came while the page stood still and was passed over");
+    if (age > OLD_INPUT_MS) return say(`an input came ${(age / 1000).toFixed(1)} s late and was passed over`);
+  }
   send(request);
 }
 
@@ -229,6 +253,19 @@ byId("drive").onclick = (event) => { byId("drive").blur(); act("drive", event); 
 // At once, when the finger comes down.
 byId("stop").onpointerdown = () => act("stop");
 byId("stop").onclick = (event) => { if (event.detail) byId("stop").blur(); else act("stop"); };
+// A pinch, a field that is zoomed in, or a keyboard over the page leaves a part of it on the screen: STOP stays in that part, as
+// large as before, but covers no more than a third of it.
+const STOP_SHARE = 0.34;
+function keepStop() {
+  const { offsetLeft, offsetTop, width, height } = visualViewport, stop = byId("stop"), { offsetWidth, offsetHeight } = stop;
+  const across = width / offsetWidth, up = Math.min(across, STOP_SHARE * height / offsetHeight);
+  const right = offsetLeft - stop.offsetLeft + scrollX, down = offsetTop + height - up * offsetHeight - stop.offsetTop + scrollY;
+  const isAlmost = (a, b) => Math.abs(a - b) < 1;
+  const isWhole = isAlmost(right, 0) && isAlmost(width, offsetWidth) && isAlmost(offsetTop + height, stop.offsetTop + offsetHeight - scrollY);
+  stop.style.transform = isWhole ? "" : `translate(${right}px, ${down}px) scale(${across}, ${up})`;
+}
+// A browser that has none zooms no part of a page.
+if (window.visualViewport) for (const kind of ["resize", "scroll"]) visualViewport.addEventListener(kind, keepStop);
 
 // ---- settings: read when they are opened, each changed by itself
 const settings = byId("settings"), settingInputs = new Map();
@@ -627,6 +664,7 @@ function isNews() {
 }
 function draw(now) {
   requestAnimationFrame(draw);
+  noteFrame();
   watchConnection();
   watchHeld();
   attempt("the gamepad", () => { gamepad = readGamepads(now); });

@@ -76,21 +76,26 @@ impl Browser {
 
     /// Runs a script before those of each page that is opened from now on, and returns its name.
     pub fn before_each_page(&self, script: &str) -> Outcome<Value> {
-        let command = json!({ "cmd": "Page.addScriptToEvaluateOnNewDocument", "params": { "source": script } });
-        Ok(self.ask("goog/cdp/execute", &command)?["identifier"].clone())
+        let added =
+            self.devtools("Page.addScriptToEvaluateOnNewDocument", &json!({ "source": script }))?;
+        Ok(added["identifier"].clone())
     }
 
     /// Runs that script no longer.
     pub fn no_longer_before_each_page(&self, script: &Value) -> Outcome<()> {
-        let command = json!({ "cmd": "Page.removeScriptToEvaluateOnNewDocument", "params": { "identifier": script } });
-        self.ask("goog/cdp/execute", &command).map(drop)
+        let named = json!({ "identifier": script });
+        self.devtools("Page.removeScriptToEvaluateOnNewDocument", &named).map(drop)
     }
 
     /// Shows the page on a telephone's screen of this size, or of its own where both are 0.
     pub fn resize(&self, width: u32, height: u32) -> Outcome<()> {
         let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": width > 0 });
-        let command = json!({ "cmd": "Emulation.setDeviceMetricsOverride", "params": screen });
-        self.ask("goog/cdp/execute", &command).map(drop)
+        self.devtools("Emulation.setDeviceMetricsOverride", &screen).map(drop)
+    }
+
+    /// Does what the browser's own tools can do, by the DevTools protocol.
+    pub fn devtools(&self, command: &str, parameters: &Value) -> Outcome<Value> {
+        self.ask("goog/cdp/execute", &json!({ "cmd": command, "params": parameters }))
     }
 
     /// Presses and releases a key.
@@ -144,9 +149,8 @@ impl Browser {
 
     /// Ends the browser as a crash does: without a word to its pages.
     pub fn kill(&mut self) -> Outcome<()> {
-        let command = json!({ "cmd": "Browser.crash", "params": {} });
         // It does not live to answer.
-        let _ = self.ask("goog/cdp/execute", &command);
+        let _ = self.devtools("Browser.crash", &json!({}));
         Ok(self.driver.kill()?)
     }
 

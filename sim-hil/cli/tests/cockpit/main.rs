@@ -26,6 +26,7 @@ use flix_sim::rig::bench::{Base, learnt};
 use flix_sim::rig::simulated::{RobotParameters, SimulatedRobot};
 use flix_sim_cli::serve::serve;
 use page::Page;
+use serde_json::json;
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -190,6 +191,7 @@ const DESKS: &[(&[&str], &[Test])] = &[
             ("small_screens_show_values_and_stop_whole", Desk::screens),
             ("the_scope_shows_its_channels", Desk::scope),
             ("settings_are_read_and_changed", Desk::settings),
+            ("stop_stays_on_the_screen_and_nothing_under_a_notch", Desk::zooms),
             ("keys_drive_and_the_space_bar_stops", Desk::keys),
             ("a_finger_drives_and_stops", Desk::finger),
             ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
@@ -201,6 +203,8 @@ const DESKS: &[(&[&str], &[Test])] = &[
             ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
             ("any_gamepad_stops_and_the_one_touched_drives", Desk::gamepads),
             ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
+            ("inputs_count_whose_clock_is_not_that_of_the_page", Desk::clocks),
+            ("states_are_seen_without_colours_and_keys_reach_the_panel", Desk::forms),
         ],
     ),
     (
@@ -459,6 +463,111 @@ impl Desk {
         )
     }
 
+    /// Shows a part of the page as a pinch does, and another while a keyboard lies over it, which browsers of telephones say so.
+    fn zooms(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.browser.resize(390, 844)?;
+        let stop = "const { offsetLeft: x, offsetTop: y, width, height } = visualViewport, stop = document.getElementById('stop');
+                    const box = stop.getBoundingClientRect(), within = (a, b) => a > b - 1;
+                    const is_inside = within(box.left, x) && within(box.top, y) && within(x + width, box.right) && within(y + height, box.bottom);
+                    const reached = document.elementFromPoint((box.left + box.right) / 2, (box.top + box.bottom) / 2);
+                    return is_inside && stop.contains(reached) && box.width > 0.9 * width && box.height < 0.4 * height";
+        for scale in [1.0, 3.0, 5.0, 1.5] {
+            let pinch = json!({ "pageScaleFactor": scale });
+            self.browser.devtools("Emulation.setPageScaleFactor", &pinch)?;
+            self.until("STOP in what is shown", |desk| Ok(desk.browser.run(stop)? == true))?;
+            for (right, down) in [(-150, -200), (400, 600)] {
+                let pan = json!({ "x": 20, "y": 40, "xDistance": right, "yDistance": down });
+                self.browser.devtools("Input.synthesizeScrollGesture", &pan)?;
+                self.until("STOP in what is shown", |desk| Ok(desk.browser.run(stop)? == true))?;
+            }
+        }
+        self.browser.devtools("Emulation.setPageScaleFactor", &json!({ "pageScaleFactor": 1 }))?;
+        let is_whole = "return document.getElementById('stop').style.transform === ''";
+        self.until("STOP in its place", |desk| Ok(desk.browser.run(is_whole)? == true))?;
+        let keyboard = format!(
+            "Object.defineProperty(visualViewport, 'height', {{ value: 300, configurable: true }});
+             visualViewport.dispatchEvent(new Event('resize')); {stop}"
+        );
+        let zoomed = "return [...document.querySelectorAll('input')].filter((it) => parseFloat(getComputedStyle(it).fontSize) < 16).length";
+        if self.browser.run(&keyboard)? != true || self.browser.run(zoomed)? != 0 {
+            return Err("a keyboard lies over STOP, or a field is zoomed in".into());
+        }
+        self.browser.run(
+            "delete visualViewport.height; visualViewport.dispatchEvent(new Event('resize'))",
+        )?;
+        // A notch beside the page, and a bar below.
+        self.browser.resize(844, 390)?;
+        let insets = json!({ "insets": { "left": 47, "right": 47, "bottom": 21 } });
+        self.browser.devtools("Emulation.setSafeAreaInsetsOverride", &insets)?;
+        let hidden = "return [...document.querySelectorAll('aside button, aside input, header > *')].filter((it) => {
+                        const box = it.getBoundingClientRect();
+                        return box.width && (box.left < 47 || box.right > innerWidth - 47);
+                      }).length || getComputedStyle(document.body).overscrollBehaviorY !== 'none'";
+        self.until("nothing under the notch", |desk| Ok(desk.browser.run(hidden)? == false))?;
+        self.browser.devtools("Emulation.setSafeAreaInsetsOverride", &json!({ "insets": {} }))?;
+        self.browser.resize(0, 0)
+    }
+
+    /// Shows states without the colours of the page, and keeps the keys of the panel that drives from a screen reader.
+    fn forms(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        let differ = "const form = (it) => { const { backgroundColor, borderTopStyle, boxShadow } = getComputedStyle(it); return [backgroundColor, borderTopStyle, boxShadow]; };
+                      const [a, b] = ['true', 'false'].map((is) => form(document.querySelector(`[aria-pressed=${is}]`)));
+                      const stop = getComputedStyle(document.getElementById('stop')).backgroundColor;
+                      return a.filter((it, index) => it !== b[index]).length > 1 && stop === 'rgb(198, 32, 32)'";
+        for forced in ["none", "active"] {
+            let media = json!({ "features": [{ "name": "forced-colors", "value": forced }] });
+            self.browser.devtools("Emulation.setEmulatedMedia", &media)?;
+            self.until(&format!("forms with forced colours {forced}"), |desk| {
+                Ok(desk.browser.run(differ)? == true)
+            })?;
+        }
+        self.browser.devtools("Emulation.setEmulatedMedia", &json!({ "features": [] }))?;
+        let panel = "const [panel, other] = document.querySelectorAll('[role=application]');
+                     const has = (selector) => [...document.querySelectorAll(selector)].every((it) => panel.contains(it));
+                     return !other && has('[data-mode], .value button, [data-do=arm]') && !has('#log') && !has('#settings') && !has('#banner')";
+        if self.browser.run(panel)? != true {
+            return Err(
+                "a screen reader takes the keys of the panel, or cannot read the log".into()
+            );
+        }
+        self.browser.press('s')?;
+        self.until_resting()
+    }
+
+    /// Sends inputs whose times are of another clock than the page's, or of none.
+    fn clocks(&mut self) -> Outcome<()> {
+        self.arm()?;
+        let press = |time: &str, before: &str| {
+            format!(
+                "{before}; const key = new KeyboardEvent('keydown', {{ key: 'w', code: 'KeyW', bubbles: true }});
+                 Object.defineProperty(key, 'timeStamp', {{ value: {time} }});
+                 document.body.dispatchEvent(key)"
+            )
+        };
+        for time in ["0", "-60000", "Date.now()", "NaN"] {
+            let press = press(time, "");
+            self.walk(|desk| desk.browser.run(&press).map(drop))?;
+            self.browser.press('s')?;
+            self.until_resting()?;
+        }
+        // One that was queued while the page stood still, and one that is old for certain.
+        let stood = "const end = performance.now() + 400; while (performance.now() < end)";
+        for press in [press("0", stood), press("performance.now() - 900", "")] {
+            self.browser.run(&press)?;
+            self.stays_at_rest()?;
+        }
+        // A phone has slept: the clock of its inputs has not.
+        self.browser.run(
+            "const now = performance.now.bind(performance); performance.now = () => now() + 600000;",
+        )?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        self.browser.press(' ')?;
+        self.until_text("state", "stopped")
+    }
+
     /// Writes into the field of a setting as a person does, and waits until it shows this value, and the sentence at it.
     fn type_in(&self, setting: &str, keys: &str, shown: &str) -> Outcome<()> {
         let find = format!("const input = document.getElementById('setting-{setting}');");
@@ -500,7 +609,11 @@ impl Desk {
             "2.7 over_current: `2,6` is not a number in A: write a decimal point, and no comma";
         self.type_in("over_current", "2,6\u{e007}", comma)?;
         self.type_in("over_current", "2600mA\u{e007}", "2.6")?;
-        self.type_in("top_electrical_offset", "\u{2212}12\u{e007}", "-12")?;
+        let before =
+            self.browser.run("return document.getElementById('setting-top_encoder_zero').value")?;
+        let before = before.as_str().ok_or("no value")?.to_owned();
+        self.type_in("top_encoder_zero", "\u{2212}12\u{e007}", "-12")?;
+        self.type_in("top_encoder_zero", &format!("{before}\u{e007}"), &before)?;
         self.type_in(
             "current_limit",
             "99\u{e007}",
