@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use super::address::RobotArgs;
 use super::run::{FileArgs, PoseArgs, Run, unrecorded, verdict};
-use flix_host::nav::Task;
 use flix_host::pilot::steering::names;
 use flix_host::pilot::{Pilot, Recorded};
 use flix_shell::course::{CourseArgs, describe, facts, results, row, table_for};
@@ -46,7 +45,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let path = args.course.path()?;
     let name = format!("track-{}", path.name());
-    let task = Task::Follow { path: path.clone(), laps: args.course.laps };
+    let task = args.course.task(&path)?;
     let settings = args.course.settings(&task)?;
     let repertoire = args.course.steering.repertoire(|| -> Result<_, Error> {
         Ok(table_for(&args.robot.robot, &args.files.modes)?)

@@ -583,7 +583,7 @@ impl Navigator {
     fn turn_towards(&self, controller: &TwoState, goal: Goal<'_>) -> usize {
         let pose = self.estimator.pose().unwrap_or(self.measured);
         let target = match goal {
-            Goal::Follow { path, arc_length } => path.at(arc_length + LOOK_AHEAD).position(),
+            Goal::Follow { path, arc_length } => path.ahead(arc_length, LOOK_AHEAD).position(),
             Goal::Reach { point } => point,
         };
         controller.choose(&pose, target, self.mode)

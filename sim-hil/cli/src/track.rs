@@ -120,7 +120,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 /// Walks to the end and writes record, pictures and replay.
 pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let path = args.course.path()?;
-    let task = Task::Follow { path: path.clone(), laps: args.course.laps };
+    let task = args.course.task(&path)?;
+    let laps = if let Task::Follow { laps, .. } = &task { *laps } else { 1 };
     let repertoire = args.course.steering.repertoire(|| args.conditions.table())?;
     let table = repertoire.table();
     let mut settings = args.course.settings(&task)?;
@@ -142,7 +143,7 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     // A frame for every pose: often enough to see which way the rotors turn.
     let mut film = (!args.json).then(|| Film::new(&conditions.model, POSE_PERIOD.as_secs_f64()));
     let mut course = Course::new(&conditions, pilot)?;
-    let bar = progress((f64::from(args.course.laps) * path.length() * 1e3) as u64, "mm walked");
+    let bar = progress((f64::from(laps) * path.length() * 1e3) as u64, "mm walked");
     let ending = loop {
         if let Some(ending) = course.step()? {
             break ending;
