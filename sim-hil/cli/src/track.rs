@@ -45,7 +45,7 @@ pub struct Args {
     /// Heading at the start, degrees to the left of the path
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = within(-360.0..=360.0, "heading", " degrees"))]
     heading: f64,
-    /// Robot's time after which the run is given up
+    /// Robot's time of driving after which the run is given up
     #[arg(long, value_name = "TIME", default_value = "1h", value_parser = parse_time)]
     patience: Duration,
     /// Folder for record, pictures and replay.
@@ -136,7 +136,7 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let begin = flix_protocol::units::Instant::START;
     recorder.path_to_follow(begin, &path)?;
     recorder.attach(begin, "modes.toml", "application/toml", table.to_toml().as_bytes())?;
-    let pilot = Pilot::new(steering, names(&table), Some(recorder));
+    let pilot = Pilot::new(steering, names(&table), Some(recorder)).within(args.patience);
     let along = path.start();
     let start = PlanarPose { heading: along.heading + args.heading.to_radians(), ..along };
     let conditions = args.conditions.conditions(start)?;
@@ -151,9 +151,6 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
         if let Some(film) = &mut film {
             film.caption(course.plant(), course.pilot().doing());
             film.shoot(course.plant());
-        }
-        if course.now().since(begin) > args.patience {
-            course.end(Ending::OutOfTime(args.patience));
         }
         bar.set_position(
             (course.pilot().helm().navigator().progress().arc_length.max(0.0) * 1e3) as u64,
