@@ -288,19 +288,22 @@ function settingRow({ name, unit, minimum, maximum, default: usual, description 
   Object.assign(refused, { className: "refused", id: `refused-${name}` });
   refused.setAttribute("role", "alert");
   input.setAttribute("aria-describedby", refused.id);
-  const restore = () => { if (!("edited" in input.dataset)) input.value = input.dataset.robot; };
+  const restore = () => { delete input.dataset.edited; input.value = input.dataset.robot; };
+  // What the robot has is shown until it states another value.
+  const commit = (event) => {
+    const request = { set: [name, input.value] };
+    restore();
+    if (isTooLong(request)) write(refused.id, "This is longer than any number.");
+    else act(request, event);
+  };
   input.onkeydown = (event) => {
-    if (event.key === "Escape") { delete input.dataset.edited; restore(); }
+    // The same text again is no change to a browser.
+    if (event.key === "Enter" && "edited" in input.dataset) commit(event);
+    if (event.key === "Escape") restore();
   };
   input.oninput = () => { input.dataset.edited = ""; };
-  input.onchange = (event) => {
-    delete input.dataset.edited;
-    const request = { set: [name, input.value] };
-    if (isTooLong(request)) { write(refused.id, "This is longer than any number."); return restore(); }
-    act(request, event);
-    // What nobody answers was not taken.
-    setTimeout(restore, ASK_AGAIN_MS);
-  };
+  input.onchange = commit;
+  input.onblur = restore;
   help.textContent = `${short(minimum)} to ${short(maximum)}, at first ${short(usual)}. ${description ?? ""}`;
   row.append(label, input, Object.assign(document.createElement("span"), { textContent: unit === "1" ? "" : unit }), mark, refused, help);
   byId("settings-list").append(row);

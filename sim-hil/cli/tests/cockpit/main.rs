@@ -568,22 +568,24 @@ impl Desk {
         self.until_text("state", "stopped")
     }
 
-    /// Writes into the field of a setting as a person does, and waits until it shows this value, and the sentence at it.
+    /// Writes into the field of a setting as a person does, and again where the machine has no time for it, until it shows this value,
+    /// and the sentence at it.
     fn type_in(&self, setting: &str, keys: &str, shown: &str) -> Outcome<()> {
         let find = format!("const input = document.getElementById('setting-{setting}');");
-        self.until("a field", |desk| {
-            let focus = format!(
-                "{find} input.focus(); input.select(); return document.activeElement === input"
-            );
-            Ok(desk.browser.run(&focus)? == true)
-        })?;
-        for key in keys.chars() {
-            self.browser.press(key)?;
-        }
-        let look = format!("{find} if (document.activeElement === input) input.blur();
-                            const refused = document.getElementById('refused-{setting}').textContent;
-                            return [input.value, refused].join(' ').trim()");
-        self.until(shown, |desk| Ok(desk.browser.run(&look)? == shown))
+        let focus = format!(
+            "{find} input.focus(); input.select(); return document.activeElement === input"
+        );
+        let type_keys = |desk: &Self| {
+            desk.until("a field", |desk| Ok(desk.browser.run(&focus)? == true))?;
+            keys.chars().try_for_each(|key| desk.browser.press(key))
+        };
+        let look = format!(
+            "{find} if (document.activeElement === input) input.blur();
+             const refused = document.getElementById('refused-{setting}').textContent;
+             return [input.value, refused].join(' ').trim()"
+        );
+        type_keys(self)?;
+        self.command(shown, type_keys, |desk| Ok(desk.browser.run(&look)? == shown))
     }
 
     fn settings(&mut self) -> Outcome<()> {
