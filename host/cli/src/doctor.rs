@@ -481,6 +481,9 @@ fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
             seen.strangers
         ));
     }
+    if let Some(unit) = seen.unit {
+        return bad(unit.to_string());
+    }
     if seen.unreadable > 0 {
         return bad(format!(
             "{} datagrams are no pose: write six numbers, x y z roll pitch yaw in metres and radians, or \

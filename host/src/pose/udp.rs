@@ -11,11 +11,12 @@
 //! one that comes late ([`LATE`](super::LATE)) is not trusted.
 //!
 //! Datagrams are not authenticated: those of the first sender alone are taken, until it is silent for
-//! `SENDER_PATIENCE`, and a stream that jumps is not trusted ([`crate::pose::continuity`]). Nobody knows which of two
+//! `SENDER_PATIENCE`, or for `PORT_PATIENCE` where another port of its computer goes on, and a stream that jumps is not trusted ([`crate::pose::continuity`]). Nobody knows which of two
 //! senders is the tracker: while another one is heard, no pose is trusted. With the tracker's address only its datagrams
 //! are looked at.
 
 use std::f64::consts::TAU;
+use std::fmt;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
@@ -36,6 +37,28 @@ const LONGEST: usize = 512;
 /// Most datagrams that one call of `poll` reads, so that a flood of them cannot keep the caller from its other work.
 const DATAGRAMS_AT_ONCE: u32 = 256;
 
+/// Silence of a port of the tracker's address after which another one of that address is taken: one picture of the slowest camera.
+const PORT_PATIENCE: Duration = Duration::from_millis(100);
+/// Farthest place and largest height that are in metres, m: no room with cameras is larger.
+const ROOM: [f64; 3] = [100.0, 100.0, 10.0];
+/// Largest yaw that is in radians: a tracker may count turns, up to two.
+const MOST_YAW: f64 = 2.0 * TAU;
+
+/// A number that states another unit than radians, metres and seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WrongUnit {
+    field: &'static str,
+    value: i64,
+    wanted: &'static str,
+}
+
+impl fmt::Display for WrongUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { field, value, wanted } = self;
+        write!(f, "{field} is {value}, which is not in {wanted}: send {field} in {wanted}")
+    }
+}
+
 /// What was received so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct UdpStatistics {
@@ -45,6 +68,8 @@ pub struct UdpStatistics {
     pub untracked: u64,
     /// Datagrams of the sender that are no pose.
     pub unreadable: u64,
+    /// The last number among them that is in another unit.
+    pub unit: Option<WrongUnit>,
     /// Datagrams whose time is not after that of one before them, or far ahead: late, or twice, of a tracker that stands still,
     /// or not in seconds.
     pub out_of_order: u64,
@@ -58,12 +83,24 @@ pub struct UdpStatistics {
     pub stranger: Option<IpAddr>,
 }
 
+/// Who sends the poses.
+#[derive(Debug, Clone, Copy)]
+struct Sender {
+    address: SocketAddr,
+    /// When it was heard last.
+    last: Instant,
+    /// Whether it was heard once only.
+    is_new: bool,
+    /// Its port before.
+    before: u16,
+}
+
 /// Receives the poses of a tracker.
 #[derive(Debug)]
 pub struct UdpSource {
     socket: UdpSocket,
     tracker: Option<IpAddr>,
-    sender: Option<(SocketAddr, Instant)>,
+    sender: Option<Sender>,
     /// When a second sender was heard last.
     doubted: Option<Instant>,
     stream: Stream,
@@ -121,23 +158,42 @@ impl UdpSource {
         Some(PoseSample { time: now, pose, valid: newer.is_trusted && is_alone, picture })
     }
 
+    /// Returns whether the datagrams of this address are taken. A tracker may send each from a port of its own: it comes from the
+    /// named address, or from the address of the one before, and no port comes back.
     fn is_sender(&mut self, from: SocketAddr, now: Instant) -> bool {
         let may_be_it = self.tracker.is_none_or(|tracker| tracker == from.ip());
-        let is_sender = may_be_it
-            && self
-                .sender
-                .is_none_or(|(sender, last)| sender == from || now.since(last) > SENDER_PATIENCE);
-        if is_sender {
-            if self.sender.is_some_and(|(sender, _)| sender != from) {
-                self.stream.forget_times();
+        let Some(sender) = self.sender.filter(|_| may_be_it) else {
+            if may_be_it {
+                self.sender = Some(Sender { address: from, last: now, is_new: true, before: 0 });
+            } else {
+                self.note_stranger(from, None);
             }
-            self.sender = Some((from, now));
-        } else {
-            self.statistics.strangers += 1;
-            self.statistics.stranger = Some(from.ip());
-            self.doubted = if may_be_it { Some(now) } else { self.doubted };
+            return may_be_it;
+        };
+        let silent = now.since(sender.last);
+        let is_same_host = sender.address.ip() == from.ip();
+        let is_next_port = is_same_host
+            && (self.tracker.is_some()
+                || silent >= PORT_PATIENCE
+                || (sender.is_new && from.port() != sender.before));
+        let is_same = sender.address == from;
+        if !(is_same || is_next_port || silent > SENDER_PATIENCE) {
+            self.note_stranger(from, Some(now));
+            return false;
         }
-        is_sender
+        if !is_same && silent >= PORT_PATIENCE {
+            self.stream.forget_times();
+        }
+        let before = if is_same { sender.before } else { sender.address.port() };
+        self.sender = Some(Sender { address: from, last: now, is_new: !is_same, before });
+        true
+    }
+
+    /// Counts a datagram that is not taken. One that might be the tracker's makes it doubtful which of them is.
+    fn note_stranger(&mut self, from: SocketAddr, doubted: Option<Instant>) {
+        self.statistics.strangers += 1;
+        self.statistics.stranger = Some(from.ip());
+        self.doubted = doubted.or(self.doubted);
     }
 }
 
@@ -152,8 +208,11 @@ impl PoseSource for UdpSource {
                 continue;
             }
             match parse(&buffer[..length]) {
-                None => self.statistics.unreadable += 1,
-                Some(reading) => {
+                Err(unit) => {
+                    self.statistics.unreadable += 1;
+                    self.statistics.unit = unit.or(self.statistics.unit);
+                }
+                Ok(reading) => {
                     if let Some(sample) = self.judge(now, reading) {
                         return Ok(Some(sample));
                     }
@@ -191,29 +250,54 @@ const LATEST: f64 = 1e11;
 /// A pose, whether the tracker trusts it, and when it was taken on the tracker's clock, if it states that.
 type Reading = (Pose, bool, Option<Instant>);
 
-/// Returns what a datagram states; `None` when it is no pose.
-fn parse(datagram: &[u8]) -> Option<Reading> {
+/// Returns the six numbers of a datagram, or those that it names; `None` when it holds others.
+fn numbers(datagram: &[u8]) -> Option<Named> {
     let text = std::str::from_utf8(datagram).ok().filter(|text| text.len() <= LONGEST)?.trim();
-    let Named { x, y, z, roll, pitch, yaw, valid, time } = if text.starts_with('{') {
-        serde_json::from_str(text).ok()?
-    } else {
-        let numbers =
-            text.split(|c: char| c == ',' || c.is_whitespace()).filter(|word| !word.is_empty());
-        let numbers: Vec<f64> = numbers.map(str::parse).collect::<Result<_, _>>().ok()?;
-        let [x, y, z, roll, pitch, yaw] = numbers.try_into().ok()?;
-        Named { x, y, z, roll, pitch, yaw, valid: true, time: None }
-    };
-    // More than a turn is in degrees.
-    if [roll, pitch, yaw].iter().any(|angle| angle.abs() > TAU) {
-        return None;
+    if text.starts_with('{') {
+        return serde_json::from_str(text).ok();
     }
+    let numbers =
+        text.split(|c: char| c == ',' || c.is_whitespace()).filter(|word| !word.is_empty());
+    let numbers: Vec<f64> = numbers.map(str::parse).collect::<Result<_, _>>().ok()?;
+    let [x, y, z, roll, pitch, yaw] = numbers.try_into().ok()?;
+    Some(Named { x, y, z, roll, pitch, yaw, valid: true, time: None })
+}
+
+impl Named {
+    /// Returns a number that is too large for its unit.
+    fn wrong_unit(&self) -> Option<WrongUnit> {
+        let [x, y, z] = ROOM;
+        [
+            ("x", self.x, x, "metres"),
+            ("y", self.y, y, "metres"),
+            ("z", self.z, z, "metres"),
+            ("roll", self.roll, TAU, "radians"),
+            ("pitch", self.pitch, TAU, "radians"),
+            ("yaw", self.yaw, MOST_YAW, "radians"),
+            ("time", self.time.unwrap_or_default(), LATEST, "seconds"),
+        ]
+        .into_iter()
+        .find(|(_, value, most, _)| value.is_finite() && value.abs() > *most)
+        .map(|(field, value, _, wanted)| WrongUnit { field, value: value as i64, wanted })
+    }
+}
+
+/// Returns what a datagram states.
+///
+/// # Errors
+/// When it is no pose, with the number that is in another unit if one is.
+fn parse(datagram: &[u8]) -> Result<Reading, Option<WrongUnit>> {
+    let named = numbers(datagram).ok_or(None)?;
+    if let Some(unit) = named.wrong_unit() {
+        return Err(Some(unit));
+    }
+    let Named { x, y, z, roll, pitch, yaw, valid, time } = named;
     let pose = Pose { position: Vector { x, y, z }, orientation: rotation(roll, pitch, yaw) };
-    let is_time = |seconds: &f64| (0.0..=LATEST).contains(seconds);
-    if !pose.is_sound() || !time.as_ref().is_none_or(is_time) {
-        return None;
+    if !pose.is_sound() || time.is_some_and(|seconds| !(0.0..=LATEST).contains(&seconds)) {
+        return Err(None);
     }
     let taken = time.map(|seconds| Instant::from_micros((seconds * 1e6) as u64));
-    Some((pose, valid, taken))
+    Ok((pose, valid, taken))
 }
 
 /// Returns the rotation by `roll` about x, then `pitch` about y, then `yaw` about z, rad, all about fixed axes.
@@ -405,13 +489,14 @@ mod tests {
             r#"{"x":1,"y":2,"yaw":0,"speed":1}"#,
             r#"{"x":1,"y":2,"yaw":0,"time":-1}"#,
             r#"{"x":1,"y":2,"yaw":0,"time":1e300}"#,
+            "0 0 0 0 0 90",
             "\u{0}",
         ] {
             assert_eq!(deliver(&mut source, &tracker, text, at(0)), None, "{text}");
         }
         let long = format!("0 0 0 0 0 0{}", " ".repeat(LONGEST));
         assert_eq!(deliver(&mut source, &tracker, &long, at(0)), None);
-        assert_eq!(source.statistics().unreadable, 15);
+        assert_eq!(source.statistics().unreadable, 16);
     }
 
     #[test]
@@ -455,11 +540,48 @@ mod tests {
     }
 
     #[test]
+    fn a_number_in_another_unit_is_named_and_two_turns_of_yaw_are_radians() {
+        let heading = parse(b"0 0 0.06 0 0 7.0").unwrap().0.on_the_floor().heading;
+        assert!((heading - (7.0 - TAU)).abs() < 1e-12, "{heading}");
+        for (text, named) in [
+            ("510 -200 60 0 0 1.57", "x is 510, which is not in metres"),
+            ("5 3 60 0 0 1.57", "z is 60, which is not in metres"),
+            ("0.5 0.2 0.06 0 0 90", "yaw is 90, which is not in radians"),
+            ("0.5 0.2 0.06 0 -12 1", "pitch is -12, which is not in radians"),
+            (r#"{"x":0,"y":0,"yaw":0,"time":1764455000000}"#, "which is not in seconds"),
+        ] {
+            let unit = parse(text.as_bytes()).unwrap_err().unwrap().to_string();
+            assert!(unit.contains(named), "{text}: {unit}");
+        }
+    }
+
+    #[test]
+    fn a_tracker_that_sends_each_pose_from_another_port_is_one_sender() {
+        for tracker in [None, Some([127, 0, 0, 1].into())] {
+            let (mut source, _) = wired();
+            source.tracker = tracker;
+            let ports: Vec<UdpSocket> = (0..40)
+                .map(|_| {
+                    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+                    socket.connect(source.address().unwrap()).unwrap();
+                    socket
+                })
+                .collect();
+            let mut sent = ports.iter().zip(0..).map(|(port, number)| {
+                deliver(&mut source, port, "0 0 0.06 0 0 0", at(10 * number)).unwrap().valid
+            });
+            assert!(sent.any(|is_trusted| is_trusted));
+            assert_eq!(source.statistics().strangers, 0);
+        }
+    }
+
+    #[test]
     fn a_second_sender_is_dropped_until_the_first_is_silent() {
         let (mut source, [tracker, stranger]) = wired();
         assert!(deliver(&mut source, &tracker, "0 0 0 0 0 0", at(0)).is_some());
-        assert_eq!(deliver(&mut source, &stranger, "1 0 0 0 0 0", at(1000)), None);
+        assert!(deliver(&mut source, &tracker, "0 0 0 0 0 0", at(10)).is_some());
+        assert_eq!(deliver(&mut source, &stranger, "1 0 0 0 0 0", at(50)), None);
         assert_eq!(source.statistics().strangers, 1);
-        assert!(deliver(&mut source, &stranger, "1 0 0 0 0 0", at(2001)).is_some());
+        assert!(deliver(&mut source, &stranger, "1 0 0 0 0 0", at(111)).is_some());
     }
 }
