@@ -59,17 +59,18 @@ pub fn host_name(name: &str) -> String<HOST_LENGTH> {
 #[derive(Debug, Clone)]
 pub struct Responder {
     name: Name,
+    board: &'static str,
     host: String<HOST_LENGTH>,
     port: u16,
 }
 
 impl Responder {
-    /// Answers for a robot that listens on this UDP port. An empty name becomes `robot`.
+    /// Answers for a robot with this board that listens on this UDP port. An empty name becomes `robot`.
     #[must_use]
-    pub fn new(name: &str, port: u16) -> Self {
+    pub fn new(name: &str, board: &'static str, port: u16) -> Self {
         let name = if name.is_empty() { NAMELESS } else { name };
         let host = host_name(name);
-        Self { name: crate::settings::text(name), host, port }
+        Self { name: crate::settings::text(name), board, host, port }
     }
 
     /// Answers a datagram that came from `from`, when it asks for this robot at `address`. Gives
@@ -180,7 +181,7 @@ struct Records<'a> {
 impl Records<'_> {
     /// Calls `visit` with each record and the record's place.
     fn each(&self, mut visit: impl FnMut(u8, HostAnswer<'_>)) {
-        let Responder { name, host, port } = self.responder;
+        let Responder { name, board, host, port } = self.responder;
         let (host, service) = ([host.as_str(), DOMAIN], [SERVICE, PROTOCOL, DOMAIN]);
         let instance = [name.as_str(), SERVICE, PROTOCOL, DOMAIN];
         let host = || NameSlice::new(&host);
@@ -202,7 +203,8 @@ impl Records<'_> {
         }
         let place = AllRecordData::Srv(Srv::new(0, 0, *port, host()));
         visit(PLACE, Record::new(instance(), unique, ttl, next(place)));
-        let text = RecordDataChain::This(Txt::new(&[("version", env!("CARGO_PKG_VERSION"))]));
+        let properties = [("version", env!("CARGO_PKG_VERSION")), ("board", board)];
+        let text = RecordDataChain::This(Txt::new(&properties));
         visit(TEXT, Record::new(instance(), unique, ttl, text));
         // Every robot has these.
         let kind = AllRecordData::Ptr(Ptr::new(service()));
@@ -225,6 +227,9 @@ mod tests {
         SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::new(192, 168, 4, 2), PORT));
     const LEGACY: SocketAddr =
         SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::new(192, 168, 4, 2), 40_000));
+
+    /// As long as the longest name of a board.
+    const BOARD: &str = "a board with thirty-two letters!";
 
     struct Ask(&'static [&'static str], Rtype);
 
@@ -257,7 +262,7 @@ mod tests {
 
     #[test]
     fn who_asks_for_an_address_of_ipv6_hears_that_there_is_none() {
-        let responder = Responder::new("Daisy", 13549);
+        let responder = Responder::new("Daisy", BOARD, 13549);
         let mut answer = [0; ANSWER_LENGTH];
         for (kind, hears) in [(Rtype::AAAA, true), (Rtype::A, false)] {
             let query = query_for(&["flix-daisy", "local"], kind);
@@ -282,7 +287,7 @@ mod tests {
     fn several_questions_in_a_packet_are_answered_each_record_once() {
         for letters in 1..NAME_LENGTH {
             let name = "n".repeat(letters);
-            let (host, responder) = (host_name(&name), Responder::new(&name, 13549));
+            let (host, responder) = (host_name(&name), Responder::new(&name, BOARD, 13549));
             let host = [host.as_str(), DOMAIN];
             let instance = [name.as_str(), SERVICE, PROTOCOL, DOMAIN];
             let asked = [
@@ -338,7 +343,7 @@ mod tests {
 
     fn ask(from: SocketAddr, name: &'static [&'static str]) -> Option<(SocketAddr, Vec<u8>)> {
         let mut answer = [0; ANSWER_LENGTH];
-        Responder::new("Daisy", 13549)
+        Responder::new("Daisy", BOARD, 13549)
             .answer(ADDRESS, from, &query(name), &mut answer)
             .map(|(to, length)| (to, answer[..length].to_vec()))
     }
@@ -369,7 +374,7 @@ mod tests {
     #[test]
     fn no_answer_is_longer_than_its_question_allows() {
         let longest = "n".repeat(NAME_LENGTH);
-        let responder = Responder::new(&longest, 13549);
+        let responder = Responder::new(&longest, BOARD, 13549);
         let question = query(&["_flix", "_udp", "local"]);
         let mut answer = [0; ANSWER_LENGTH];
         let answered = |question: &[u8], answer: &mut _| {
@@ -390,7 +395,7 @@ mod tests {
     #[test]
     fn damaged_queries_are_survived() {
         let intact = query(&["_flix", "_udp", "local"]);
-        let responder = Responder::new("Daisy", 13549);
+        let responder = Responder::new("Daisy", BOARD, 13549);
         for length in 0..intact.len() {
             for value in [0, 0x3f, 0xc0, 0xff] {
                 let mut damaged = intact.clone();
@@ -404,7 +409,7 @@ mod tests {
 
     #[test]
     fn a_name_of_any_letters_makes_a_host_name() {
-        let responder = Responder::new("Gänse Blümchen 7", 1);
+        let responder = Responder::new("Gänse Blümchen 7", BOARD, 1);
         assert_eq!(responder.host.as_str(), "flix-g-nse-bl-mchen-7");
     }
 }

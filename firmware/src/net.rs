@@ -65,6 +65,8 @@ pub fn dhcp(name: &str) -> DhcpConfig {
 
 /// The robot, as the network task sees it: its slow half, and the clock and mailboxes of the chip.
 pub trait Station {
+    /// Returns the name of the board, which is announced with the robot.
+    fn board(&self) -> &'static str;
     /// Returns the time since power-up, of the clock that the fast half runs on.
     fn now(&self) -> Instant;
     /// Hands over what is asked and configurations to the fast half, and takes its report.
@@ -92,7 +94,8 @@ pub async fn serve(stack: Stack<'_>, guard: &Guard, name: &str, station: &mut im
 
     // The session's socket comes first: what arrives goes to the first that listens on a port.
     let mut session = Outlet::open(session, DEFAULT_PORT);
-    let mut discovery = Discovery::open(stack, name, discovery);
+    let mut discovery =
+        Discovery::open(stack, Responder::new(name, station.board(), DEFAULT_PORT), discovery);
     let mut buffer = [0; RECEIVE_LENGTH];
     let mut frame = Frame::new();
     loop {
@@ -217,11 +220,11 @@ struct Discovery<'a> {
 }
 
 impl<'a> Discovery<'a> {
-    fn open(stack: Stack<'a>, name: &str, mut socket: UdpSocket<'a>) -> Self {
+    fn open(stack: Stack<'a>, responder: Responder, mut socket: UdpSocket<'a>) -> Self {
         socket.set_hop_limit(Some(DISCOVERY_HOP_LIMIT));
         Self {
             stack,
-            responder: Responder::new(name, DEFAULT_PORT),
+            responder,
             outlet: Outlet::open(socket, mdns::PORT),
             address: None,
             announce_again: None,

@@ -76,6 +76,10 @@ struct ChipStation {
 }
 
 impl Station for ChipStation {
+    fn board(&self) -> &'static str {
+        "bench"
+    }
+
     fn now(&self) -> Instant {
         now()
     }

@@ -76,7 +76,7 @@ fn compiler() -> Result<(), Error> {
 fn emulator() -> Result<(), Error> {
     let programs = ["qemu-system-riscv32", "qemu-system-xtensa"];
     let is_there = |program: &&str| run::succeeds(run::command(program).arg("--version"));
-    if !programs.iter().all(|program| is_there(&program)) && !has_packages() {
+    if !programs.iter().all(is_there) && !has_packages() {
         println!(
             "emulators: left out, because this system has no apt-get; flashing needs none. `cargo xtask pil` needs {} in PATH: \
              https://www.qemu.org/download",
@@ -84,7 +84,7 @@ fn emulator() -> Result<(), Error> {
         );
         return Ok(());
     }
-    if !programs.iter().all(|program| is_there(&program)) {
+    if !programs.iter().all(is_there) {
         refresh_packages(DEBIAN_QEMU)?;
         install(&[DEBIAN_QEMU])?;
     }

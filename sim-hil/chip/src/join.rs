@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use flix_firmware::robot::UNPROVISIONED;
 use flix_protocol::provision::Request;
 use serde::Serialize;
 
@@ -27,6 +28,8 @@ const RETRY: Duration = Duration::from_secs(30);
 const RENEWAL: Duration = Duration::from_secs(120);
 /// From there to a restart, where that has not helped either.
 const RESTART: Duration = Duration::from_secs(120);
+/// How often a radio does not start: with the chip, and at the next three attempts.
+const LATE_START: u32 = 4;
 /// While the cable is in use, something comes over it so often.
 const CABLE: Duration = Duration::from_secs(10);
 /// The password stays wrong for so long; the same in short.
@@ -51,6 +54,8 @@ pub struct Join {
     pub retried_after_s: f64,
     /// From the first of several to a connection by a driver that was made anew, s.
     pub renewed_after_s: f64,
+    /// From a start without the radio to a connection, s.
+    pub started_late_after_s: f64,
     /// From there to a restart, s; none in short.
     pub restarted_after_s: Option<f64>,
     /// What does not hold, in sentences.
@@ -77,13 +82,14 @@ pub fn try_all(rig: &mut Rig, is_quick: bool, progress: &dyn Fn(&str)) -> Result
 
 /// What is tried, in this order: its name, and how.
 type Scene = fn(&mut Join, &mut Rig, bool) -> Result<(), RigError>;
-const SCENES: [(&str, Scene); 5] = [
+const SCENES: [(&str, Scene); 6] = [
     ("a pass phrase, DHCP that loses and refuses", |join, rig, _| join.dhcp(rig)),
     ("the same network once more, and a refused lease", |join, rig, _| join.refusals(rig)),
     ("a wrong password", |join, rig, is_quick| {
         join.wrong_password(rig, if is_quick { QUICK_WRONG } else { WRONG })
     }),
     ("attempts of which nothing comes", |join, rig, _| join.silence(rig)),
+    ("a radio that does not start at first", |join, rig, _| join.late_start(rig)),
     ("a radio that only a restart helps", |join, rig, is_quick| match is_quick {
         true => Ok(()),
         false => join.restart(rig),
@@ -223,6 +229,20 @@ impl Join {
         let from = rig.serial.len();
         let found = wait_for(rig, RENEWAL, |rig| is_connected(rig, from))?;
         self.renewed_after_s = self.expect(found, "driver that is made anew and connects", RENEWAL);
+        Ok(())
+    }
+
+    /// The radio's library does not start with the chip, nor at the next attempts.
+    fn late_start(&mut self, rig: &mut Rig) -> Result<(), RigError> {
+        rig.chip.network.start_failures = LATE_START;
+        rig.chip.power_on();
+        rig.until_log("radio that does not start", "wi-fi: does not start")?;
+        let from = rig.serial.len();
+        let found = wait_for(rig, RENEWAL, |rig| is_connected(rig, from))?;
+        self.started_late_after_s = self.expect(found, "radio that starts late", RENEWAL);
+        if String::from_utf8_lossy(&rig.serial[from..]).contains(UNPROVISIONED) {
+            self.failures.push("a robot with a key states that it has none".to_owned());
+        }
         Ok(())
     }
 

@@ -31,7 +31,7 @@ impl Cockpit {
                 Connection::open(robot, key, Interrupt::never()).expect("loopback");
             connection.wait_until_connected().expect("a session");
             let server =
-                Server::start((Ipv4Addr::LOCALHOST, 0).into(), false).expect("a free port");
+                Server::start((Ipv4Addr::LOCALHOST, 0).into(), &[], false).expect("a free port");
             sender.send(server.urls().remove(0)).expect("the page waits");
             let mut extras = Extras::default();
             let mut drive = Drive::new(&mut connection, "simulated", &mut extras);

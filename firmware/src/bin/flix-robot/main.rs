@@ -140,7 +140,11 @@ async fn main(spawner: Spawner) {
     let robot = slow::SlowTask::new(slow, reset, kept, exchange);
     match (provisioning, radio) {
         (Some(provisioning), Some(radio)) => operate(spawner, robot, provisioning, radio).await,
-        _ => {
+        (Some(_), None) => {
+            spawn(spawner, "the radio", network::start_late(exchange));
+            robot.run_alone().await
+        }
+        (None, _) => {
             log!("{UNPROVISIONED}");
             robot.run_alone().await
         }

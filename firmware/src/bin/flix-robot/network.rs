@@ -169,11 +169,7 @@ pub(crate) async fn stay_connected(
         match next {
             Next::Retry(_) => {}
             Next::Restart(_) if may_restart(exchange) => {
-                log!("wi-fi: the radio still says nothing: starting anew");
-                log::drained().await;
-                if may_restart(exchange) {
-                    esp_hal::system::software_reset();
-                }
+                restart("the radio still says nothing", exchange).await;
             }
             Next::Renew(_) | Next::Restart(_) => {
                 log!("wi-fi: the radio is started again");
@@ -183,6 +179,35 @@ pub(crate) async fn stay_connected(
         }
         log!("wi-fi: next attempt in {} ms", wait.as_millis());
         Timer::after(wait.try_into().unwrap_or(IDLE_INTERVAL)).await;
+    }
+}
+
+/// Starts a radio that did not start with the chip, and then restarts the chip: the robot's secret and operators are made once, from
+/// the noise of a running radio.
+#[embassy_executor::task]
+pub(crate) async fn start_late(exchange: &'static Shared) {
+    let mut joining = Joining::new("");
+    loop {
+        let next = joining.silent();
+        let (Next::Retry(wait) | Next::Renew(wait) | Next::Restart(wait)) = next;
+        log!("wi-fi: next attempt to start the radio in {} ms", wait.as_millis());
+        Timer::after(wait.try_into().unwrap_or(IDLE_INTERVAL)).await;
+        if may_restart(exchange) {
+            match (start_again(), next) {
+                (Some(_), _) => restart("the radio starts now", exchange).await,
+                (None, Next::Restart(_)) => restart("the radio does not start", exchange).await,
+                (None, _) => {}
+            }
+        }
+    }
+}
+
+/// Restarts the chip once the log has left, unless the motors are driven or the serial cable is in use then.
+async fn restart(why: &str, exchange: &Shared) {
+    log!("wi-fi: {why}: starting anew");
+    log::drained().await;
+    if may_restart(exchange) {
+        esp_hal::system::software_reset();
     }
 }
 

@@ -13,6 +13,7 @@ use flix_protocol::frame::Frame;
 use flix_protocol::message::{ResetReason, State};
 use flix_protocol::units::Instant;
 
+use crate::choice::BOARD;
 use crate::clock::now;
 use crate::log::log;
 use crate::network::SIGNAL;
@@ -84,6 +85,10 @@ impl<S: SettingsStore> SlowTask<S> {
 }
 
 impl<S: SettingsStore> Station for SlowTask<S> {
+    fn board(&self) -> &'static str {
+        BOARD.hardware.name
+    }
+
     fn now(&self) -> Instant {
         now()
     }

@@ -156,6 +156,8 @@ pub struct Network {
     pub lease: [u8; 4],
     /// Its key; none where it is open.
     pub key: Option<[u8; 32]>,
+    /// How often the radio's library does not start from now on.
+    pub start_failures: u32,
     /// What becomes of attempts to connect.
     pub silence: Silence,
     /// What DHCP does wrong.
@@ -181,6 +183,7 @@ impl Default for Network {
             air: Air::default(),
             lease: LEASE,
             key: *KEY,
+            start_failures: 0,
             silence: Silence::None,
             trouble: DhcpTrouble::default(),
             dhcp: Vec::new(),

@@ -120,6 +120,8 @@ mod reason {
 /// Where the reason lies in the event's data (`wifi_event_sta_disconnected_t`).
 const REASON_OFFSET: usize = 39;
 
+/// What the library returns where it does not start (`ESP_ERR_NO_MEM`).
+const NO_MEMORY: u32 = 0x101;
 /// Functions of the library that are known; those that only set something return 0.
 const FUNCTIONS: [&str; 22] = [
     "esp_wifi_init_internal",
@@ -368,6 +370,10 @@ impl Radio {
         cpu.cycles += CALL_CYCLES + self.lock;
         let mut result = 0;
         match name {
+            "esp_wifi_init_internal" if network.start_failures > 0 => {
+                network.start_failures -= 1;
+                result = NO_MEMORY;
+            }
             "esp_wifi_init_internal" => {
                 self.configure_buffers(argument(0), soc).ok_or_else(beyond)?;
             }

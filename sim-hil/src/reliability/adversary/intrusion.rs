@@ -185,6 +185,10 @@ fn run(
 struct OnNetwork<'a>(&'a RefCell<SimulatedRobot>);
 
 impl Station for OnNetwork<'_> {
+    fn board(&self) -> &'static str {
+        "bench"
+    }
+
     fn now(&self) -> Instant {
         self.0.borrow().now()
     }

@@ -30,7 +30,7 @@ impl Memory {
 
     /// Returns the growth in bytes, where the system reports the memory.
     pub(super) fn growth(&self) -> Option<f64> {
-        (self.early > 0 && self.late > 0).then(|| self.late as f64 - self.early as f64)
+        (self.early > 0 && self.late > 0).then_some(self.late as f64 - self.early as f64)
     }
 }
 
