@@ -231,7 +231,7 @@ impl Path {
     /// Returns the nearest place that is reached from the arc length `near` along the path: the
     /// place of a robot that was at `near` a moment ago. Other branches of the path, as in the
     /// middle of a figure eight, are not considered. Where the path turns back on itself, two places are equally near, and
-    /// the one ahead counts: a robot that comes within half of [`TIP`] of a tip is on its way back.
+    /// the one ahead counts: a robot that comes within 20 mm of a tip is on its way back.
     #[must_use]
     pub fn follow(&self, position: Position, near: f64) -> Projection {
         /// Points that the search looks beyond a rise of the distance, to pass corners.
