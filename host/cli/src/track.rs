@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use super::address::RobotArgs;
 use super::run::{FileArgs, PoseArgs, Run, unrecorded, verdict};
+use flix_host::nav::Task;
 use flix_host::pilot::steering::names;
 use flix_host::pilot::{Pilot, Recorded};
 use flix_shell::course::{CourseArgs, describe, facts, results, row, table_for};
 use flix_shell::output::{print, print_json};
-use flix_shell::time::positive_duration;
 use flix_shell::{Error, Exit};
 
 /// Longest time for an answer of a controller process: well within the command deadline of 250 ms.
@@ -38,9 +38,6 @@ pub struct Args {
     poses: PoseArgs,
     #[command(flatten)]
     files: FileArgs,
-    /// Time of driving after which the run is given up.
-    #[arg(long, value_name = "TIME", default_value = "1h", value_parser = positive_duration)]
-    patience: Duration,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -49,7 +46,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let path = args.course.path()?;
     let name = format!("track-{}", path.name());
-    let task = args.course.task(&path)?;
+    let task = Task::Follow { path: path.clone(), laps: args.course.laps };
     let settings = args.course.settings(&task)?;
     let repertoire = args.course.steering.repertoire(|| -> Result<_, Error> {
         Ok(table_for(&args.robot.robot, &args.files.modes)?)
@@ -63,8 +60,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     recorder.path_to_follow(run.now(), &path)?;
     recorder.attach(run.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(steering, names(&table), Some(recorder))
-        .driving_unrecorded(args.files.record.unrecorded)
-        .within(args.patience);
+        .driving_unrecorded(args.files.record.unrecorded);
     let (ending, seconds) = run.drive(&mut pilot, |pilot| {
         let progress = pilot.helm().navigator().progress();
         format!(

@@ -19,8 +19,8 @@ use super::modes::ModeTable;
 use super::motion::{Gait, REST, Response};
 use super::outlook::Outlook;
 use super::path::Path;
-use super::plausibility::{Commanded, Plausibility};
 use super::predictive::{Goal, Prospects};
+use super::standstill::Standstill;
 use super::two_state::{LOOK_AHEAD, MissingTurn, TwoState};
 use super::weights::Weights;
 use crate::pose::PoseSample;
@@ -130,6 +130,8 @@ pub struct Settings {
     pub fence: Area,
     /// Whether a run may begin away from its path.
     pub approach: Approach,
+    /// Walking for this long without motion of the pose ends the run.
+    pub standstill_patience: Duration,
     /// The run ends at this distance from the path, m.
     pub error_limit: f64,
     /// Distance from the goal at which the robot has arrived, m.
@@ -195,9 +197,6 @@ const CORRIDOR_MARGIN: f64 = 0.3;
 /// A robot that has not left this length of its path, m, is held.
 const HELD_WITHIN: f64 = 0.05;
 
-/// Time for which a robot may walk without leaving its place on the path: it turns round within 5 s.
-const PROGRESS_PATIENCE: Duration = Duration::from_secs(30);
-
 /// Distance before the end of an open path from which the end is approached as a point, m.
 const FINAL_APPROACH: f64 = 0.12;
 
@@ -206,7 +205,11 @@ const FINAL_APPROACH: f64 = 0.12;
 enum Controller {
     Predictive,
     TwoState(TwoState),
-    Learned { outlook: Outlook },
+    Learned {
+        outlook: Outlook,
+        /// How far the robot has come, m, and since when.
+        furthest: (f64, Instant),
+    },
 }
 
 /// Navigator of one run; see the module's documentation.
@@ -232,11 +235,7 @@ pub struct Navigator {
     progress: Progress,
     stop: Option<EndReason>,
     finished: bool,
-    plausibility: Plausibility,
-    /// Whether the robot is commanded to walk.
-    walks: bool,
-    /// Arc length of the place that the robot has not left by [`HELD_WITHIN`], m, and since when.
-    held: (f64, Instant),
+    standstill: Standstill,
     /// Where the robot may be on its way into the fence.
     corridor: Option<Area>,
 }
@@ -260,6 +259,7 @@ impl Settings {
             pose_patience: Duration::from_secs(5),
             fence,
             approach: Approach::default(),
+            standstill_patience: Duration::from_secs(3),
             error_limit: 0.4,
             arrival_radius: 0.02,
             return_radius: 0.04,
@@ -296,9 +296,10 @@ impl Navigator {
         let controller = match settings.controller {
             ControllerKind::Predictive => Controller::Predictive,
             ControllerKind::TwoState => Controller::TwoState(TwoState::new(&table)?),
-            ControllerKind::Learned => {
-                Controller::Learned { outlook: Outlook::new(Weights::LEARNED) }
-            }
+            ControllerKind::Learned => Controller::Learned {
+                outlook: Outlook::new(Weights::LEARNED),
+                furthest: (f64::NEG_INFINITY, Instant::START),
+            },
         };
         let estimator = match (settings.controller, &repertoire) {
             (ControllerKind::Learned, Repertoire::Experience(experience)) => {
@@ -327,9 +328,7 @@ impl Navigator {
             progress: Progress::default(),
             stop: None,
             finished: false,
-            plausibility: Plausibility::default(),
-            walks: false,
-            held: (f64::NEG_INFINITY, Instant::START),
+            standstill: Standstill::default(),
             corridor: None,
         })
     }
@@ -383,9 +382,6 @@ impl Navigator {
     pub fn observe(&mut self, sample: &PoseSample) {
         let late = self.trusted.is_some_and(|newest| sample.time <= newest);
         let Some(pose) = sample.trusted().filter(|_| !late) else { return };
-        if !self.believes(sample.time, pose) {
-            return;
-        }
         let elapsed = self.trusted.map_or(Duration::ZERO, |before| sample.time.since(before));
         let first = self.trusted.is_none();
         self.trusted = Some(sample.time);
@@ -406,19 +402,6 @@ impl Navigator {
         if self.progress.joined {
             self.corridor = None;
         }
-    }
-
-    /// Returns whether the robot can be there by its commands. Until the run begins it may be carried.
-    fn believes(&mut self, time: Instant, pose: PlanarPose) -> bool {
-        if self.started.is_none() {
-            self.plausibility = Plausibility::default();
-        }
-        // What another program commands is in no table.
-        let commanded = match self.estimator.moved(time) {
-            Some(moved) if !self.walks || self.mode != REST => Commanded::Moved(moved),
-            _ => Commanded::Walks,
-        };
-        self.plausibility.observe(time, pose, commanded)
     }
 
     /// Returns what to command now. [`Decision::Finished`] and [`Decision::Stopped`] are final.
@@ -445,19 +428,15 @@ impl Navigator {
         if self.finished {
             return Some(Decision::Finished);
         }
-        self.walks = walks;
-        if let Some(stop) = self.plausibility.end() {
-            return Some(self.stop(now, stop));
-        }
         let age = now.since(self.trusted.unwrap_or(started));
         if self.trusted.is_none() || age > self.settings.pose_deadline {
             return Some(self.wait_for_pose(now, age));
         }
-        // What another program commands is not noted when it is chosen.
-        if !walks || self.mode == REST {
-            self.look_back(now, walks);
+        let walked = self.standstill.watch(now, walks, &self.measured);
+        if walked >= self.settings.standstill_patience {
+            return Some(self.stop(now, EndReason::NotMoving { walked }));
         }
-        if let Some(stop) = self.breach(now) {
+        if let Some(stop) = self.breach() {
             return Some(self.stop(now, stop));
         }
         if self.is_done(now) {
@@ -491,7 +470,7 @@ impl Navigator {
         Decision::Rest(reason)
     }
 
-    fn breach(&self, now: Instant) -> Option<EndReason> {
+    fn breach(&self) -> Option<EndReason> {
         let at = self.measured.position();
         let fence = self.corridor.unwrap_or(self.settings.fence);
         if !fence.contains(at) {
@@ -503,10 +482,6 @@ impl Navigator {
         }
         if !self.progress.joined && self.settings.approach == Approach::Off {
             return Some(EndReason::NotOnPath { error, limit: JOINED_WITHIN });
-        }
-        let held = self.held_for(now);
-        if self.walks && self.progress.joined && held > PROGRESS_PATIENCE {
-            return Some(EndReason::NoProgress { held, at });
         }
         (self.progress.joined && error > limit).then_some(EndReason::OffPath { error, limit })
     }
@@ -553,9 +528,9 @@ impl Navigator {
             goal => match &self.controller {
                 Controller::Predictive => self.look_ahead(now, goal, self.prospects()),
                 Controller::TwoState(controller) => self.turn_towards(controller, goal),
-                Controller::Learned { outlook } => {
+                Controller::Learned { outlook, furthest } => {
                     let mut prospects = self.prospects();
-                    prospects.weights = Weights::learned(self.held_for(now).as_secs_f64());
+                    prospects.weights = Weights::learned(now.since(furthest.1).as_secs_f64());
                     prospects.pace = self.estimator.pace();
                     prospects.outlook = Some(outlook);
                     self.look_ahead(now, goal, prospects)
@@ -564,24 +539,14 @@ impl Navigator {
         }
     }
 
-    /// Notes when the robot came to this place of its path.
-    fn look_back(&mut self, now: Instant, walks: bool) {
-        let reached = self.progress.arc_length;
-        if !walks || (reached - self.held.0).abs() > HELD_WITHIN {
-            self.held = (reached, now);
-        }
-    }
-
-    /// Returns for how long the robot has not left its place.
-    fn held_for(&self, now: Instant) -> Duration {
-        now.since(self.held.1)
-    }
-
     /// Works out some more of what the way ahead costs, where it is known how the robot walks.
     fn look_further(&mut self, now: Instant) {
-        self.look_back(now, self.mode != REST);
-        let weights = Weights::learned(self.held_for(now).as_secs_f64());
-        let Controller::Learned { outlook } = &mut self.controller else { return };
+        let Controller::Learned { outlook, furthest } = &mut self.controller else { return };
+        let reached = self.progress.arc_length;
+        if self.mode == REST || (reached - furthest.0).abs() > HELD_WITHIN {
+            *furthest = (reached, now);
+        }
+        let weights = Weights::learned(now.since(furthest.1).as_secs_f64());
         if let (Some(pace), Goal::Follow { path, arc_length }) =
             (self.estimator.pace(), goal_of(&self.task, &self.progress))
         {
@@ -618,7 +583,7 @@ impl Navigator {
     fn turn_towards(&self, controller: &TwoState, goal: Goal<'_>) -> usize {
         let pose = self.estimator.pose().unwrap_or(self.measured);
         let target = match goal {
-            Goal::Follow { path, arc_length } => path.ahead(arc_length, LOOK_AHEAD).position(),
+            Goal::Follow { path, arc_length } => path.at(arc_length + LOOK_AHEAD).position(),
             Goal::Reach { point } => point,
         };
         controller.choose(&pose, target, self.mode)

@@ -160,7 +160,6 @@ pub struct Pilot<H> {
     recorder: Option<Recorder>,
     record_error: Option<RecordError>,
     drives_unrecorded: bool,
-    patience: Option<Duration>,
     recorded: Option<Instant>,
     commanded: Option<(Setpoint, String)>,
     driving_since: Option<Instant>,
@@ -181,7 +180,6 @@ impl<H: Helm> Pilot<H> {
             recorder,
             record_error: None,
             drives_unrecorded: false,
-            patience: None,
             recorded: None,
             commanded: None,
             driving_since: None,
@@ -193,13 +191,6 @@ impl<H: Helm> Pilot<H> {
     #[must_use]
     pub fn driving_unrecorded(mut self, goes_on: bool) -> Self {
         self.drives_unrecorded = goes_on;
-        self
-    }
-
-    /// Ends the run when it has driven for longer.
-    #[must_use]
-    pub fn within(mut self, patience: Duration) -> Self {
-        self.patience = Some(patience);
         self
     }
 
@@ -289,10 +280,6 @@ impl<H: Helm> Pilot<H> {
             self.fail(now, client, ending);
         }
         let begun = *self.since.get_or_insert(now);
-        let driven = self.driving_since.map_or(Duration::ZERO, |since| now.since(since));
-        if let Some(patience) = self.patience.filter(|it| driven > *it) {
-            self.end(now, client, Ending::OutOfTime(patience));
-        }
         match self.phase {
             // The session may stand since before the run.
             Phase::Connecting if client.insist_on(now, Wish::Arm, ARM_PATIENCE).is_ok() => {

@@ -379,11 +379,7 @@ impl Cockpit {
             self.note(now, Weight::Alarm, &stop.to_string());
         }
         self.late = sample.late();
-        let doubt = Floor::observe(&mut self.floor, sample);
-        if let Some((floor, doubt)) = self.floor.as_mut().zip(doubt) {
-            floor.hold(false);
-            self.abandon(&format!("no heading is held any more: {doubt}"), client, now);
-        }
+        Floor::observe(&mut self.floor, sample);
         self.steer(client, now);
         let Some(floor) = &mut self.floor else { return };
         if let Some(turn) = floor.curve() {

@@ -45,7 +45,7 @@ pub struct Args {
     /// Heading at the start, degrees to the left of the path
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = within(-360.0..=360.0, "heading", " degrees"))]
     heading: f64,
-    /// Robot's time of driving after which the run is given up
+    /// Robot's time after which the run is given up
     #[arg(long, value_name = "TIME", default_value = "1h", value_parser = parse_time)]
     patience: Duration,
     /// Folder for record, pictures and replay.
@@ -120,8 +120,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
 /// Walks to the end and writes record, pictures and replay.
 pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let path = args.course.path()?;
-    let task = args.course.task(&path)?;
-    let laps = if let Task::Follow { laps, .. } = &task { *laps } else { 1 };
+    let task = Task::Follow { path: path.clone(), laps: args.course.laps };
     let repertoire = args.course.steering.repertoire(|| args.conditions.table())?;
     let table = repertoire.table();
     let mut settings = args.course.settings(&task)?;
@@ -136,14 +135,14 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let begin = flix_protocol::units::Instant::START;
     recorder.path_to_follow(begin, &path)?;
     recorder.attach(begin, "modes.toml", "application/toml", table.to_toml().as_bytes())?;
-    let pilot = Pilot::new(steering, names(&table), Some(recorder)).within(args.patience);
+    let pilot = Pilot::new(steering, names(&table), Some(recorder));
     let along = path.start();
     let start = PlanarPose { heading: along.heading + args.heading.to_radians(), ..along };
     let conditions = args.conditions.conditions(start)?;
     // A frame for every pose: often enough to see which way the rotors turn.
     let mut film = (!args.json).then(|| Film::new(&conditions.model, POSE_PERIOD.as_secs_f64()));
     let mut course = Course::new(&conditions, pilot)?;
-    let bar = progress((f64::from(laps) * path.length() * 1e3) as u64, "mm walked");
+    let bar = progress((f64::from(args.course.laps) * path.length() * 1e3) as u64, "mm walked");
     let ending = loop {
         if let Some(ending) = course.step()? {
             break ending;
@@ -151,6 +150,9 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
         if let Some(film) = &mut film {
             film.caption(course.plant(), course.pilot().doing());
             film.shoot(course.plant());
+        }
+        if course.now().since(begin) > args.patience {
+            course.end(Ending::OutOfTime(args.patience));
         }
         bar.set_position(
             (course.pilot().helm().navigator().progress().arc_length.max(0.0) * 1e3) as u64,

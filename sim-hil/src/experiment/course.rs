@@ -14,7 +14,7 @@ use flix_protocol::units::Instant;
 use crate::model::{ModelError, RobotModel};
 use crate::plant::{Diverged, Plant};
 use crate::rig::lossy_network::ChannelParameters;
-use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD, TrackerFault};
+use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
 use crate::rig::operation::Operation;
 use crate::rig::simulated::{RobotParameters, SimulatedRobot};
 
@@ -39,13 +39,6 @@ pub struct Course<H> {
     pilot: Pilot<H>,
     cameras: MotionCapture,
     pose_period: Duration,
-    push: Option<Push>,
-}
-
-/// A push under way: a motion in the world, m/s and m/s, a turn to the left, rad/s, and the end.
-struct Push {
-    motion: [f64; 3],
-    ends: Instant,
 }
 
 impl<H: Helm> Course<H> {
@@ -72,7 +65,6 @@ impl<H: Helm> Course<H> {
             pilot,
             cameras: MotionCapture::new(conditions.seed),
             pose_period: POSE_PERIOD,
-            push: None,
         })
     }
 
@@ -119,27 +111,9 @@ impl<H: Helm> Course<H> {
         robot.electronics().ledger(robot.truth().rotor_angle).battery
     }
 
-    /// Sets the robot down elsewhere, unseen on its way: an offset in the world, m, and a turn to the left, rad.
-    pub fn set_down(&mut self, offset: (f64, f64), turn: f64) {
+    /// Pushes the robot: an offset in the world, m, and a turn to the left, rad.
+    pub fn push(&mut self, offset: (f64, f64), turn: f64) {
         self.operation.robot.mechanics_mut().displace([offset.0, offset.1, 0.0], turn);
-    }
-
-    /// Pushes the robot for so long: an offset in the world, m, and a turn to the left, rad.
-    pub fn push(&mut self, offset: (f64, f64), turn: f64, lasts: Duration) {
-        let seconds = lasts.as_secs_f64();
-        let motion = [offset.0 / seconds, offset.1 / seconds, turn / seconds];
-        self.push = Some(Push { motion, ends: self.now() + lasts });
-    }
-
-    /// Returns whether a push is under way.
-    #[must_use]
-    pub fn is_pushed(&self) -> bool {
-        self.push.is_some()
-    }
-
-    /// Makes the tracker lie, or ends that.
-    pub fn deceive(&mut self, fault: Option<TrackerFault>) {
-        self.cameras.deceive(fault);
     }
 
     /// Hangs the robot on cords, this high over the floor, m.
@@ -180,11 +154,6 @@ impl<H: Helm> Course<H> {
             self.operation.tick()?;
         }
         let now = self.now();
-        if let Some(Push { motion: [x, y, turn], ends }) = self.push {
-            let seconds = self.pose_period.as_secs_f64();
-            self.set_down((x * seconds, y * seconds), turn * seconds);
-            self.push = self.push.take().filter(|_| now < ends);
-        }
         self.cameras.look(now, &self.operation.robot);
         let poses = self.cameras.seen(now);
         Ok(self.pilot.step(now, self.operation.client(), &poses))
