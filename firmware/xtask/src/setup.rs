@@ -61,10 +61,10 @@ fn compiler() -> Result<(), Error> {
         println!("compiler: rustup's, with {RISCV_TARGET} and its sources");
         return Ok(());
     }
-    if !toolchain::debian_is_complete() && !has_packages() {
-        return Err(unreachable_compiler());
-    }
     if !toolchain::debian_is_complete() {
+        if !has_packages() {
+            return Err(unreachable_compiler());
+        }
         println!("compiler: rustup cannot bring {RISCV_TARGET}; installing Debian's");
         refresh_packages(DEBIAN_COMPILER[0])?;
         install(&DEBIAN_COMPILER)?;
@@ -76,15 +76,15 @@ fn compiler() -> Result<(), Error> {
 fn emulator() -> Result<(), Error> {
     let programs = ["qemu-system-riscv32", "qemu-system-xtensa"];
     let is_there = |program: &&str| run::succeeds(run::command(program).arg("--version"));
-    if !programs.iter().all(is_there) && !has_packages() {
-        println!(
-            "emulators: left out, because this system has no apt-get; flashing needs none. `cargo xtask pil` needs {} in PATH: \
-             https://www.qemu.org/download",
-            programs.join(" and ")
-        );
-        return Ok(());
-    }
     if !programs.iter().all(is_there) {
+        if !has_packages() {
+            println!(
+                "emulators: left out, because this system has no apt-get; flashing needs none. `cargo xtask pil` needs {} in PATH: \
+                 https://www.qemu.org/download",
+                programs.join(" and ")
+            );
+            return Ok(());
+        }
         refresh_packages(DEBIAN_QEMU)?;
         install(&[DEBIAN_QEMU])?;
     }

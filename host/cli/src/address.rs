@@ -239,7 +239,7 @@ impl RobotArgs {
 /// Pause between two looks at whether the person has given up.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Reads the key that the person names. What can be read once is read once: some commands connect again and again.
+/// Reads the key file that the person names. A pipe is read once and kept, because some commands connect several times.
 fn read_key(path: &Path, interrupt: &Interrupt) -> Result<Key, Error> {
     static READ: OnceLock<Key> = OnceLock::new();
     if !file::is_read_once(path) {
@@ -250,7 +250,7 @@ fn read_key(path: &Path, interrupt: &Interrupt) -> Result<Key, Error> {
     }
     let (send, read) = mpsc::channel();
     let path = path.to_owned();
-    // Whoever writes a pipe may never do so.
+    // A pipe may stay silent for ever.
     std::thread::spawn(move || send.send(keys::read(&path)));
     loop {
         match read.recv_timeout(LOOK) {

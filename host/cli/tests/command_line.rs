@@ -127,7 +127,7 @@ fn a_terminal_that_takes_nothing_holds_up_no_drive() {
     let output = command.stderr(terminal.try_clone().unwrap()).output().unwrap();
     assert_eq!(output.status.code(), Some(0));
     assert!(String::from_utf8_lossy(&output.stdout).contains("{"), "the drive is reported");
-    // What is printed for its person alone is given up after a second, and the stop has left before.
+    // The stop has left before; the printed text is given up after a second.
     let stop = operator.command(&["stop", &address]).stdout(terminal).output().unwrap();
     let said = String::from_utf8_lossy(&stop.stderr);
     assert!(stop.status.code() == Some(2) && said.contains("the terminal takes nothing"), "{said}");

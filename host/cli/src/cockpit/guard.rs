@@ -2,8 +2,8 @@
 //!
 //! The token keeps out whoever was not given the address of the page. `Host` and `Origin` keep out pages of others in
 //! the operator's own browser: a foreign page that opens a WebSocket here states its own origin, and one whose name was
-//! made to point here (DNS rebinding) states that name as host. The port keeps out nobody: `ssh -L`, editors and containers forward
-//! another one.
+//! made to point here (DNS rebinding) states that name as host. Every port is accepted, because `ssh -L`, editors and containers
+//! forward another one.
 
 use std::net::{IpAddr, SocketAddr};
 
@@ -74,7 +74,7 @@ impl Guard {
         needs_origin: bool,
     ) -> Result<(), Refusal> {
         let host = host.filter(|host| self.serves(host)).ok_or(Refusal::Host)?;
-        // A proxy may encrypt what it serves by its name.
+        // A proxy with a name may serve the page by https.
         let is_named = name_of(host).is_some_and(|name| self.is_named(name));
         let is_same = |origin: &str| match origin.split_once("://") {
             Some(("http", of)) => of == host,
@@ -90,8 +90,8 @@ impl Guard {
         }
     }
 
-    /// Returns whether this is a host of what is bound, by any port: its address, or a name that was given; `localhost` for this
-    /// computer; any address, but no other name, where all addresses are bound.
+    /// Returns whether the page is served for this host, by any port: the bound address, a name that was given, and `localhost` on this
+    /// computer. Where all addresses are bound, each address is served, and no further name.
     fn serves(&self, host: &str) -> bool {
         let Some(name) = name_of(host) else { return false };
         if name.eq_ignore_ascii_case("localhost") {

@@ -102,8 +102,8 @@ struct Shared {
 }
 
 impl Server {
-    /// Begins to serve at this address, and by these names ([`Guard::with_names`]); port 0 is any free port. Pages that hold to run let the robot rest when the key or
-    /// button of a walk is released.
+    /// Begins to serve at this address, and by these names ([`Guard::with_names`]); port 0 is any free port. Pages that hold to run
+    /// let the robot rest when the key or button of a walk is released.
     ///
     /// # Errors
     /// When the address cannot be used, or the operating system refuses a thread or randomness.
@@ -303,7 +303,7 @@ impl IntoResponse for Refusal {
     }
 }
 
-/// Leads to the page whoever has left out the last letter of its address.
+/// Redirects an address without its last slash to the page.
 async fn slash(
     State(asked): State<Asked>,
     Path(token): Path<String>,

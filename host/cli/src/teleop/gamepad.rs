@@ -1,8 +1,8 @@
 //! Driving with a gamepad, by the rules of the cockpit's page (`cockpit/page.js`).
 //!
 //! Stick or arrows walk and turn, the shoulder buttons strafe. The right button stops (B on Xbox, A on Nintendo, circle), and so
-//! does the lower one while the robot walks: it is B on Nintendo. The upper button clears, Select disarms, Start arms. Of several gamepads the one drives whose command changed last, and any of them ends the walk: it
-//! stops, disarms, or lets go of its stick. One whose layout is not known stops with every button, and does no more. A gamepad
+//! does the lower one while the robot walks: it is B on Nintendo. The upper button clears, Select disarms, Start arms. Of several
+//! gamepads the one drives whose command changed last, and any of them ends the walk: it stops, disarms, or lets go of its stick. One whose layout is not known stops with every button, and does no more. A gamepad
 //! is obeyed only after it was seen neutral, and again after everything that let the robot rest, so that a stick which is held, or
 //! stuck, begins nothing, and keeps no other from driving. Stop and disarm are always obeyed.
 
