@@ -17,8 +17,8 @@ use flix_shell::{Error, Exit};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  flix home walker-1 --modes walker-1.modes.toml --natnet-server 192.168.1.5
-  flix home walker-1 --to 0.5,0 --stay")]
+  flix home daisy --modes daisy.modes.toml --natnet-server 192.168.1.5
+  flix home walker-3f2c --to 0.5,0 --stay")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,

@@ -83,9 +83,9 @@ impl GridArgs {
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  flix identify walker-1 --natnet-server 192.168.1.5 --modes walker-1.modes.toml
+  flix identify daisy --natnet-server 192.168.1.5 --modes daisy.modes.toml
   flix identify --rounds 1 --seconds 4s      (against flix-sim serve --natnet)
-  flix identify walker-1 --grid speeds.csv --frequencies=-30,30 --rounds 3
+  flix identify walker-3f2c --grid speeds.csv --frequencies=-30,30 --rounds 3
   flix-sim study calibrate --measured speeds.csv")]
 pub struct Args {
     #[command(flatten)]

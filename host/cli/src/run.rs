@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::net::{IpAddr, Ipv4Addr, SocketAddrV4, ToSocketAddrs as _};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::{Duration, SystemTime};
 
@@ -16,13 +16,14 @@ use super::status::TELEMETRY_PATIENCE;
 use flix_host::link::udp::Connection;
 use flix_host::link::{LinkError, RobotLink, StopState};
 use flix_host::pilot::{Ending, Helm, Pilot, real_time};
-use flix_host::pose::PoseSample;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::{Body, COMMAND_PORT, NatNetSettings, NatNetSource, UpAxis};
 use flix_host::pose::udp::UdpSource;
-use flix_host::record::{RecordError, Recorder, RunDescription};
+use flix_host::pose::{PoseSample, rate};
+use flix_host::record::{MEGABYTE, RecordError, Recorder, RunDescription};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
+use flix_shell::number::whole;
 use flix_shell::outlet::drawn;
 use flix_shell::output::{complain, waiting};
 use flix_shell::stream::StreamArgs;
@@ -96,9 +97,9 @@ pub struct FileArgs {
 /// Options of the record of a run.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RecordArgs {
-    /// Folder for the record.
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    pub out: PathBuf,
+    /// The record.
+    #[command(flatten)]
+    pub place: PlaceArgs,
     /// Go on without a record when it cannot be written any more, for example because the disk is full
     /// [default: stop the robot].
     #[arg(long)]
@@ -261,7 +262,7 @@ impl Run {
             bar.set_style(style);
         }
         let is_planar = self.source.is_planar();
-        let mut is_warned = false;
+        let (mut is_warned, mut is_remarked) = (false, false);
         let heights = &mut self.heights;
         let watch = |pilot: &Pilot<H>, poses: &[PoseSample]| {
             for sample in poses {
@@ -270,6 +271,13 @@ impl Run {
             if let Some(error) = pilot.unrecorded().filter(|_| !is_warned) {
                 is_warned = true;
                 bar.suspend(|| complain(error));
+            }
+            if !is_remarked
+                && pilot.driving_since().is_some()
+                && let Some(cost) = pilot.pose_rate().and_then(rate::cost)
+            {
+                is_remarked = true;
+                bar.suspend(|| complain(cost));
             }
             bar.set_message(message(pilot));
             bar.tick();
@@ -306,7 +314,7 @@ impl Run {
         settings: BTreeMap<String, String>,
     ) -> Result<Recorder, Error> {
         let poses = Some(self.source.name());
-        let mut recorder = record(&args.out, &mut self.connection, poses, name, settings)?;
+        let mut recorder = record(&args.place, &mut self.connection, poses, name, settings)?;
         args.stream.start(&mut recorder)?;
         Ok(recorder)
     }
@@ -326,9 +334,20 @@ pub fn battery_low(connection: &mut Connection) -> Result<Option<f32>, LinkError
     }
 }
 
+/// Where a record lies, and how long it may become.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PlaceArgs {
+    /// Folder for the record.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    /// End the record before less than this is free on its disk.
+    #[arg(long, value_name = "MB", default_value = "500", value_parser = whole::<u64>(0..=1_000_000_000))]
+    leave_free: u64,
+}
+
 /// Begins a record with the clock of a connection. `poses`: the name of their source, if there is one.
 pub fn record(
-    out: &Path,
+    place: &PlaceArgs,
     connection: &mut Connection,
     poses: Option<String>,
     name: &str,
@@ -339,7 +358,8 @@ pub fn record(
     }
     let mut run = BTreeMap::from([("clock".into(), "real time".into())]);
     run.extend(poses.map(|poses| ("poses".into(), poses)));
-    let mut versions = BTreeMap::from([("flix".into(), env!("CARGO_PKG_VERSION").into())]);
+    let mut versions =
+        BTreeMap::from([("flix".into(), flix_host::system::program::version().into())]);
     if let Outcome::Identity(identity) = connection.ask(Command::Identify)? {
         run.insert("robot".into(), printable(&identity.name).into_owned());
         versions.insert("board".into(), printable(&identity.board).into_owned());
@@ -352,7 +372,14 @@ pub fn record(
     let description = RunDescription { name: name.to_owned(), run, settings, versions };
     // Of a clock that was not set, less may be shown than has gone by.
     let started = SystemTime::now().checked_sub(elapsed).unwrap_or(SystemTime::UNIX_EPOCH);
-    Ok(Recorder::create(out, started, &description)?)
+    let mut recorder = Recorder::create(&place.out, started, &description)?;
+    match recorder.leave_free(MEGABYTE * place.leave_free) {
+        Ok(()) => Ok(recorder),
+        Err(error) => {
+            recorder.discard();
+            Err(error.into())
+        }
+    }
 }
 
 /// Returns an error for a run that did not finish; `stop`: how far the stop that ended it has come.

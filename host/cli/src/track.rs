@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use super::address::RobotArgs;
 use super::run::{FileArgs, PoseArgs, Run, unrecorded, verdict};
-use flix_host::nav::Task;
 use flix_host::pilot::steering::names;
 use flix_host::pilot::{Pilot, Recorded};
 use flix_shell::course::{CourseArgs, describe, facts, results, row, table_for};
 use flix_shell::output::{print, print_json};
+use flix_shell::time::positive_duration;
 use flix_shell::{Error, Exit};
 
 /// Longest time for an answer of a controller process: well within the command deadline of 250 ms.
@@ -25,9 +25,9 @@ const ANSWER_PATIENCE: Duration = Duration::from_millis(100);
     allow_missing_positional = true,
     after_help = "\
 Examples:
-  flix track walker-1 figure8 --modes walker-1.toml --natnet-server 192.168.1.5
+  flix track daisy figure8 --modes daisy.toml --natnet-server 192.168.1.5
   flix track circle --radius 0.3 --laps 1    (against flix-sim serve --natnet)
-  flix track walker-1 room.csv --at 0.5,0.2 --turned 90"
+  flix track walker-3f2c room.csv --at 0.5,0.2 --turned 90"
 )]
 pub struct Args {
     #[command(flatten)]
@@ -38,6 +38,9 @@ pub struct Args {
     poses: PoseArgs,
     #[command(flatten)]
     files: FileArgs,
+    /// Time of driving after which the run is given up.
+    #[arg(long, value_name = "TIME", default_value = "1h", value_parser = positive_duration)]
+    patience: Duration,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -46,7 +49,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let path = args.course.path()?;
     let name = format!("track-{}", path.name());
-    let task = Task::Follow { path: path.clone(), laps: args.course.laps };
+    let task = args.course.task(&path)?;
     let settings = args.course.settings(&task)?;
     let repertoire = args.course.steering.repertoire(|| -> Result<_, Error> {
         Ok(table_for(&args.robot.robot, &args.files.modes)?)
@@ -60,7 +63,8 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     recorder.path_to_follow(run.now(), &path)?;
     recorder.attach(run.now(), "modes.toml", "application/toml", table.to_toml().as_bytes())?;
     let mut pilot = Pilot::new(steering, names(&table), Some(recorder))
-        .driving_unrecorded(args.files.record.unrecorded);
+        .driving_unrecorded(args.files.record.unrecorded)
+        .within(args.patience);
     let (ending, seconds) = run.drive(&mut pilot, |pilot| {
         let progress = pilot.helm().navigator().progress();
         format!(

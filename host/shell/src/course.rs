@@ -27,6 +27,11 @@ const RADIUS: f64 = 0.4;
 /// Side of the square when none is given, m.
 const SIDE: f64 = 0.8;
 
+/// Laps of a closed path when none are given.
+const LAPS: u32 = 2;
+/// Distance between the ends of an open path below which a loop may be meant, m: the robot's length.
+const NEARLY_CLOSED: f64 = 0.23;
+
 /// Options of a path, and of how it is followed.
 #[derive(Debug, Clone, clap::Args)]
 pub struct CourseArgs {
@@ -34,9 +39,9 @@ pub struct CourseArgs {
     /// input).
     #[arg(value_name = "PATH")]
     pub path: String,
-    /// Number of laps of a closed path.
-    #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1_000_000))]
-    pub laps: u32,
+    /// Number of laps of a closed path [default: 2].
+    #[arg(long, value_parser = whole::<u32>(1..=1_000_000))]
+    pub laps: Option<u32>,
     /// Width of the figure eight, m [default: 1.6].
     #[arg(long, value_name = "M", value_parser = metres)]
     pub width: Option<f64>,
@@ -117,6 +122,32 @@ impl CourseArgs {
             file => read_path(file)?,
         };
         Ok(path.placed(PlanarPose::new(self.at, self.turned.to_radians())))
+    }
+
+    /// Returns the task of these options: to follow this path, an open one once.
+    ///
+    /// # Errors
+    /// When laps of an open path are asked for.
+    pub fn task(&self, path: &Path) -> Result<Task, Error> {
+        match (path.gap(), self.laps) {
+            (Some(gap), Some(laps)) if laps > 1 => Err(Error::usage(format_args!(
+                "--laps {laps}: the path is open, its ends are {:.0} mm apart; write its first point once more at its end, \
+                 or leave --laps out",
+                gap * 1e3
+            ))),
+            (Some(gap), _) if gap < NEARLY_CLOSED => {
+                complain(format_args!(
+                    "the path is open and walked once: its ends are {:.0} mm apart; write its first point once more at its \
+                     end to close it",
+                    gap * 1e3
+                ));
+                Ok(Task::Follow { path: path.clone(), laps: 1 })
+            }
+            (gap, laps) => {
+                let usual = if gap.is_some() { 1 } else { LAPS };
+                Ok(Task::Follow { path: path.clone(), laps: laps.unwrap_or(usual) })
+            }
+        }
     }
 
     /// Refuses the size of another path: it would change nothing.

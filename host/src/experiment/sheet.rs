@@ -285,12 +285,13 @@ mod tests {
 
     #[test]
     fn a_file_of_another_robot_is_refused_and_one_that_names_none_is_not() {
-        let of = |text: &str| opened(text).unwrap().of_robot("walker-1").map(|sheet| sheet.last());
+        let of =
+            |text: &str| opened(text).unwrap().of_robot("walker-3f2c").map(|sheet| sheet.last());
         let rows = "test,z_mm\n3,1\n";
-        assert_eq!(of(&format!("# robot walker-1, today: flix\n{rows}")).unwrap(), 3.0);
+        assert_eq!(of(&format!("# robot walker-3f2c, today: flix\n{rows}")).unwrap(), 3.0);
         assert_eq!(of(&format!("# a robot\n{rows}")).unwrap(), 3.0);
         let refused = of(&format!("{rows}# robot walker-2, today: flix\n4,1\n")).unwrap_err();
-        assert!(refused.to_string().contains("of the robot walker-2, and this is walker-1"));
+        assert!(refused.to_string().contains("of the robot walker-2, and this is walker-3f2c"));
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use crate::pose::LATE;
 use crate::pose::geometry::{Area, Position};
+use crate::pose::rate::{FEWEST, PLENTY};
 
 /// Why a run ended early. The robot is at rest then.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,10 +20,34 @@ pub enum EndReason {
         /// By how much later than the fastest one.
         late: Duration,
     },
+    /// Fewer poses come than the robot can walk by.
+    TooFewPoses {
+        /// Poses a second.
+        rate: f64,
+    },
     /// The poses stand still although the robot is commanded to walk.
     NotMoving {
         /// Time of walking without motion.
         walked: Duration,
+    },
+    /// The poses move otherwise than the robot is commanded.
+    NotAnswering {
+        /// Time for which they did.
+        walked: Duration,
+    },
+    /// The poses jumped to where the robot cannot be.
+    Jumped {
+        /// How far, m.
+        distance: f64,
+        /// By which angle, degrees.
+        turn: f64,
+    },
+    /// The robot walks, and does not get on along its path.
+    NoProgress {
+        /// Time for which it did not.
+        held: Duration,
+        /// Where it is.
+        at: Position,
     },
     /// The robot is outside the fence.
     OutsideFence {
@@ -87,6 +112,10 @@ impl fmt::Display for EndReason {
                 "no trusted pose for {:.1} s: is the robot in view of the cameras? run `flix doctor`",
                 waited.as_secs_f64()
             ),
+            Self::TooFewPoses { rate } => write!(
+                f,
+                "{rate:.1} poses a second come, and {FEWEST:.0} are the fewest to walk by: let the tracker send {PLENTY:.0} or more"
+            ),
             Self::PosesLate { late } => write!(
                 f,
                 "poses come {:.1} s late: is the network of the cameras or the computer that sends them busy? give them a \
@@ -98,6 +127,26 @@ impl fmt::Display for EndReason {
                 "the pose did not move while the robot walked for {:.1} s: is it blocked, or are these \
                  the poses of another robot (--natnet-server, --body)?",
                 walked.as_secs_f64()
+            ),
+            Self::NotAnswering { walked } => write!(
+                f,
+                "the poses moved otherwise than the robot was commanded for {:.0} s: are they those of another body (--body), \
+                 a recording, or in mirrored axes (--up)? or does an obstacle hold the robot?",
+                walked.as_secs_f64()
+            ),
+            Self::NoProgress { held, at } => write!(
+                f,
+                "the robot walked for {:.0} s at {:.2},{:.2} m and did not get on along its path: look for an obstacle, \
+                 identify its modes again with `flix identify`, or draw the path with wider bends",
+                held.as_secs_f64(),
+                at.x,
+                at.y
+            ),
+            Self::Jumped { distance, turn } => write!(
+                f,
+                "the pose jumped by {distance:.2} m and {turn:.0} degrees, farther than the robot can have walked: did the \
+                 tracker swap it with another body, lose it or flip it, or did somebody carry it? look where it is \
+                 before you go on"
             ),
             Self::OutsideFence { at, fence } => write!(
                 f,

@@ -21,6 +21,7 @@ use super::experience::Experience;
 use super::modes::{Mode, ModeTable, Spread};
 use super::motion::{Gait, Motion, REST, Response, motions};
 use super::pace::Pace;
+use super::plausibility::{Moved, between};
 use crate::pose::geometry::{PlanarPose, Twist, wrap};
 
 /// Time constant of the pose filter, s: two periods of the slowest useful shaking (some 20 Hz).
@@ -49,6 +50,8 @@ const SHARE_OF_MEAN: f64 = 0.5;
 #[derive(Debug, Clone)]
 pub struct Estimator {
     motions: Vec<Motion>,
+    /// As known at the beginning.
+    known: Vec<Motion>,
     knowledge: Knowledge,
     response: Response,
     latency: Duration,
@@ -105,6 +108,7 @@ impl Estimator {
         latency: Duration,
     ) -> Self {
         Self {
+            known: motions.clone(),
             motions,
             knowledge,
             response,
@@ -148,6 +152,20 @@ impl Estimator {
         self.time.map(|_| self.pose)
     }
 
+    /// Returns how the robot moves by its commands from the last pose until then: as known at the beginning, and, of a robot
+    /// that is known by the experience of others, as believed now. `None` before the first pose.
+    #[must_use]
+    pub(crate) fn moved(&self, until: Instant) -> Option<[Moved; 2]> {
+        let by = |motions: &[Motion]| between(&self.pose, &self.rolled(until, motions).0);
+        let known = self.time.map(|_| by(&self.known))?;
+        let believed = match &self.knowledge {
+            // A table that was adapted to poses explains them, whoever's they are.
+            Knowledge::Table { .. } => known,
+            Knowledge::Experience { .. } => by(&self.motions),
+        };
+        Some([known, believed])
+    }
+
     /// Records a command that is sent now.
     pub fn command(&mut self, now: Instant, mode: usize) {
         let last = self.pending.back().map_or(self.gait.mode(), |p| p.1);
@@ -180,25 +198,28 @@ impl Estimator {
     /// Returns pose and gait at a later moment, if nothing new is commanded.
     #[must_use]
     pub fn predicted(&self, until: Instant) -> (PlanarPose, Gait) {
+        self.rolled(until, &self.motions)
+    }
+
+    fn rolled(&self, until: Instant, motions: &[Motion]) -> (PlanarPose, Gait) {
         let (mut pose, mut gait) = (self.pose, self.gait);
         let Some(mut now) = self.time else {
             return (pose, gait);
         };
         let due = self.pending.iter().filter(|p| p.0 <= until);
+        let roll = |pose: &mut PlanarPose, gait: &mut Gait, seconds: f64| {
+            let steps = (seconds / STEP).ceil();
+            for _ in 0..steps as u32 {
+                gait.advance(pose, seconds / steps, motions, &self.response);
+            }
+        };
         for (moment, mode) in due {
-            self.roll(&mut pose, &mut gait, moment.since(now).as_secs_f64());
-            gait = gait.commanded(*mode, pose.heading, &self.motions, &self.response);
+            roll(&mut pose, &mut gait, moment.since(now).as_secs_f64());
+            gait = gait.commanded(*mode, pose.heading, motions, &self.response);
             now = now.max(*moment);
         }
-        self.roll(&mut pose, &mut gait, until.since(now).as_secs_f64());
+        roll(&mut pose, &mut gait, until.since(now).as_secs_f64());
         (pose, gait)
-    }
-
-    fn roll(&self, pose: &mut PlanarPose, gait: &mut Gait, seconds: f64) {
-        let steps = (seconds / STEP).ceil();
-        for _ in 0..steps as u32 {
-            gait.advance(pose, seconds / steps, &self.motions, &self.response);
-        }
     }
 
     /// Pulls the estimate to a measured pose; returns false if the robot was moved by hand.

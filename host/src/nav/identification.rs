@@ -20,17 +20,20 @@ use super::end_reason::EndReason;
 use super::estimator::mean_twist;
 use super::modes::{Mode, ModeTable, ModeTableError, Spread};
 use super::navigator::{Decision, Navigator, Resting, Settings, Task};
-use super::standstill::Standstill;
+use super::plausibility::{Commanded, Plausibility};
 use crate::link::is_reached;
-use crate::pose::PoseSample;
 use crate::pose::geometry::{Area, PlanarPose, Position, Twist, wrap};
+use crate::pose::{PoseSample, rate};
 
 /// Start of a stretch that does not count.
 const SETTLING: Duration = Duration::from_millis(1000);
 /// Length of a window: short enough that a turning robot's arc is nearly its chord.
 const WINDOW: Duration = Duration::from_millis(250);
-/// Rest between two stretches.
+/// Rest between two stretches. It lasts until the poses stand: those of a robot at rest do.
 const PAUSE: Duration = Duration::from_millis(700);
+
+/// Time for which the poses stand before a stretch begins, s.
+const STILL: f64 = 0.3;
 
 /// Distance from the start at which a stretch ends early, m. Ramping down takes less than 0.1 m.
 const REACH: f64 = 0.9;
@@ -103,7 +106,12 @@ pub struct Identification {
     ends_early: bool,
     return_walk: Option<(Navigator, Instant)>,
     has_returned: bool,
-    standstill: Standstill,
+    /// Age beyond which a pose is too old to walk by.
+    pose_deadline: Duration,
+    plausibility: Plausibility,
+    walks: bool,
+    /// The last stretch in which the robot stood.
+    stood: Option<u32>,
 }
 
 impl Identification {
@@ -111,6 +119,7 @@ impl Identification {
     #[must_use]
     pub fn new(settings: IdentificationSettings) -> Self {
         Self {
+            pose_deadline: settings.pose_deadline,
             settings,
             stretches: Vec::new(),
             current: 0,
@@ -128,7 +137,9 @@ impl Identification {
             ends_early: false,
             return_walk: None,
             has_returned: false,
-            standstill: Standstill::default(),
+            plausibility: Plausibility::default(),
+            walks: false,
+            stood: None,
         }
     }
 
@@ -155,6 +166,13 @@ impl Identification {
     pub fn observe(&mut self, sample: &PoseSample) {
         let late = self.trusted.is_some_and(|(newest, _)| sample.time <= newest);
         let Some(pose) = sample.trusted().filter(|_| !late) else { return };
+        if self.started.is_none() {
+            self.plausibility = Plausibility::default();
+        }
+        let commanded = if self.walks { Commanded::Walks } else { Commanded::Moved([[0.0; 3]; 2]) };
+        if !self.plausibility.observe(sample.time, pose, commanded) {
+            return;
+        }
         self.trusted = Some((sample.time, pose));
         self.start.get_or_insert(pose.position());
         if let Some((navigator, _)) = &mut self.return_walk {
@@ -187,14 +205,22 @@ impl Identification {
         self.lost_speed |= now.since(begun) >= SETTLING && !is_reached;
     }
 
+    /// Sets the time from one pose to the next, as measured.
+    pub fn set_pose_period(&mut self, period: Duration) {
+        self.pose_deadline = rate::deadline(self.settings.pose_deadline, period);
+    }
+
     /// Returns what to command now.
     pub fn decide(&mut self, now: Instant) -> Decision {
         let started = *self.started.get_or_insert(now);
         if let Some(stop) = &self.stop {
             return Decision::Stopped(stop.clone());
         }
+        if let Some(stop) = self.doubt() {
+            return self.end(stop);
+        }
         let age = now.since(self.trusted.map_or(started, |(time, _)| time));
-        if self.trusted.is_none() || age > self.settings.pose_deadline {
+        if self.trusted.is_none() || age > self.pose_deadline {
             return self.wait_for_pose(age);
         }
         if let Some((_, pose)) = self.trusted
@@ -211,15 +237,22 @@ impl Identification {
             return self.end(EndReason::Battery { volts, least });
         }
         let decision = self.walk_back(now).unwrap_or_else(|| self.drive(now));
-        let walks = matches!(decision, Decision::Drive { .. });
-        if let Some((_, pose)) = self.trusted {
-            let walked = self.standstill.watch(now, walks, &pose);
-            // One mode may fail to move a robot; two in a row are no accident.
-            if walked >= 2 * self.settings.stretch {
-                return self.end(EndReason::NotMoving { walked });
-            }
-        }
+        self.walks = matches!(decision, Decision::Drive { .. });
         decision
+    }
+
+    /// Returns why the poses cannot be those of the robot. One mode may fail to move a robot, and ends then; two in a row are
+    /// no accident.
+    fn doubt(&mut self) -> Option<EndReason> {
+        let stop = self.plausibility.end()?;
+        let stands = matches!(stop, EndReason::NotMoving { .. }) && self.begun.is_some();
+        let stood = self.stood.replace(self.current);
+        if !stands || stood.is_some_and(|before| before + 1 >= self.current) {
+            return Some(stop);
+        }
+        self.ends_early = true;
+        self.plausibility.trust_again();
+        None
     }
 
     /// Distance from the start, m.
@@ -265,7 +298,7 @@ impl Identification {
         let task = Task::Reach { point: self.start?, stay: false };
         let settings = Settings {
             fence: self.settings.fence,
-            pose_deadline: self.settings.pose_deadline,
+            pose_deadline: self.pose_deadline,
             pose_patience: self.settings.pose_patience,
             arrival_radius: BACK / 2.0,
             return_radius: BACK,
@@ -290,7 +323,7 @@ impl Identification {
             return Decision::Drive { mode, setpoint: self.settings.pairs[mode].1 };
         }
         let ended = *self.ended.get_or_insert(now);
-        if now.since(ended) >= PAUSE {
+        if now.since(ended) >= PAUSE && self.plausibility.stands_for(now, STILL) {
             self.keep_stretch();
         }
         Decision::Rest(Resting::Arrived)
@@ -430,9 +463,10 @@ mod tests {
     fn poses_that_stand_still_end_the_identification() {
         let mut identification = identified(1);
         identification.current = 0;
+        let (_, stands) = identification.trusted.unwrap();
         let end = (0..20_000).find_map(|step| {
             let now = Instant::from_micros(2_000_000_000 + step * 5000);
-            let pose = Pose::planar(PlanarPose::default(), 0.05);
+            let pose = Pose::planar(stands, 0.05);
             identification.observe(&PoseSample { time: now, pose, valid: true, picture: None });
             match identification.decide(now) {
                 Decision::Stopped(stop) => Some(stop),
@@ -464,7 +498,7 @@ mod tests {
             let mut identification = identified(1);
             (identification.current, identification.settings.least_battery) = (0, Some(9.9));
             let now = Instant::from_micros(2_000_000_000);
-            let pose = Pose::planar(PlanarPose::default(), 0.05);
+            let pose = Pose::planar(identification.trusted.unwrap().1, 0.05);
             identification.observe(&PoseSample { time: now, pose, valid: true, picture: None });
             if is_walking {
                 assert!(matches!(identification.decide(now), Decision::Drive { .. }));

@@ -28,8 +28,8 @@ mod navigator;
 mod outlook;
 mod pace;
 mod path;
+mod plausibility;
 mod predictive;
-mod standstill;
 mod two_state;
 mod weights;
 
@@ -47,6 +47,7 @@ pub use navigator::{
     Repertoire, Resting, Settings, Task, UnknownController,
 };
 pub use path::{Path, PathError, Projection};
+pub(crate) use plausibility::{Commanded, Plausibility};
 pub use two_state::MissingTurn;
 
 #[cfg(test)]

@@ -19,12 +19,12 @@ use super::modes::ModeTable;
 use super::motion::{Gait, REST, Response};
 use super::outlook::Outlook;
 use super::path::Path;
+use super::plausibility::{Commanded, Plausibility};
 use super::predictive::{Goal, Prospects};
-use super::standstill::Standstill;
 use super::two_state::{LOOK_AHEAD, MissingTurn, TwoState};
 use super::weights::Weights;
-use crate::pose::PoseSample;
 use crate::pose::geometry::{Area, PlanarPose, Position};
+use crate::pose::{PoseSample, rate};
 
 /// The task of a run.
 #[derive(Debug, Clone, PartialEq)]
@@ -122,7 +122,7 @@ pub struct Settings {
     pub decision_period: Duration,
     /// Shortest time in a mode. A mode is also kept until its motion is steady, to spare the rotors.
     pub minimum_dwell: Duration,
-    /// A pose older than this stops the robot.
+    /// A pose older than this, or than 2.5 periods of slow poses, stops the robot.
     pub pose_deadline: Duration,
     /// Without trusted poses the run ends after this time.
     pub pose_patience: Duration,
@@ -130,8 +130,6 @@ pub struct Settings {
     pub fence: Area,
     /// Whether a run may begin away from its path.
     pub approach: Approach,
-    /// Walking for this long without motion of the pose ends the run.
-    pub standstill_patience: Duration,
     /// The run ends at this distance from the path, m.
     pub error_limit: f64,
     /// Distance from the goal at which the robot has arrived, m.
@@ -165,6 +163,8 @@ pub enum Resting {
     NoPoseYet,
     /// The newest trusted pose is too old.
     PoseTooOld,
+    /// The poses move before the robot walks.
+    Moving,
     /// The robot is at its goal.
     Arrived,
 }
@@ -197,6 +197,14 @@ const CORRIDOR_MARGIN: f64 = 0.3;
 /// A robot that has not left this length of its path, m, is held.
 const HELD_WITHIN: f64 = 0.05;
 
+/// Time for which poses stand before the robot walks, s, and the longest time to wait for that: those of a robot that walks
+/// are not believed for so long.
+const STILL: f64 = 0.15;
+const LONGEST_STILL: Duration = Duration::from_millis(2500);
+
+/// Time for which a robot may walk without leaving its place on the path: it turns round within 5 s.
+const PROGRESS_PATIENCE: Duration = Duration::from_secs(30);
+
 /// Distance before the end of an open path from which the end is approached as a point, m.
 const FINAL_APPROACH: f64 = 0.12;
 
@@ -205,11 +213,7 @@ const FINAL_APPROACH: f64 = 0.12;
 enum Controller {
     Predictive,
     TwoState(TwoState),
-    Learned {
-        outlook: Outlook,
-        /// How far the robot has come, m, and since when.
-        furthest: (f64, Instant),
-    },
+    Learned { outlook: Outlook },
 }
 
 /// Navigator of one run; see the module's documentation.
@@ -235,7 +239,13 @@ pub struct Navigator {
     progress: Progress,
     stop: Option<EndReason>,
     finished: bool,
-    standstill: Standstill,
+    /// Age beyond which a pose is too old to walk by.
+    pose_deadline: Duration,
+    plausibility: Plausibility,
+    /// Whether the robot is commanded to walk.
+    walks: bool,
+    /// Arc length of the place that the robot has not left by [`HELD_WITHIN`], m, and since when.
+    held: (f64, Instant),
     /// Where the robot may be on its way into the fence.
     corridor: Option<Area>,
 }
@@ -259,7 +269,6 @@ impl Settings {
             pose_patience: Duration::from_secs(5),
             fence,
             approach: Approach::default(),
-            standstill_patience: Duration::from_secs(3),
             error_limit: 0.4,
             arrival_radius: 0.02,
             return_radius: 0.04,
@@ -296,10 +305,9 @@ impl Navigator {
         let controller = match settings.controller {
             ControllerKind::Predictive => Controller::Predictive,
             ControllerKind::TwoState => Controller::TwoState(TwoState::new(&table)?),
-            ControllerKind::Learned => Controller::Learned {
-                outlook: Outlook::new(Weights::LEARNED),
-                furthest: (f64::NEG_INFINITY, Instant::START),
-            },
+            ControllerKind::Learned => {
+                Controller::Learned { outlook: Outlook::new(Weights::LEARNED) }
+            }
         };
         let estimator = match (settings.controller, &repertoire) {
             (ControllerKind::Learned, Repertoire::Experience(experience)) => {
@@ -312,6 +320,7 @@ impl Navigator {
         };
         Ok(Self {
             estimator,
+            pose_deadline: settings.pose_deadline,
             setpoints: table.modes().iter().map(|m| m.setpoint).collect(),
             task,
             settings,
@@ -328,7 +337,9 @@ impl Navigator {
             progress: Progress::default(),
             stop: None,
             finished: false,
-            standstill: Standstill::default(),
+            plausibility: Plausibility::default(),
+            walks: false,
+            held: (f64::NEG_INFINITY, Instant::START),
             corridor: None,
         })
     }
@@ -378,10 +389,18 @@ impl Navigator {
         self.estimator.set_latency(latency);
     }
 
+    /// Sets the time from one pose to the next, as measured.
+    pub fn set_pose_period(&mut self, period: Duration) {
+        self.pose_deadline = rate::deadline(self.settings.pose_deadline, period);
+    }
+
     /// Takes a pose. Poses that are not trusted, not sound or from the past are not used.
     pub fn observe(&mut self, sample: &PoseSample) {
         let late = self.trusted.is_some_and(|newest| sample.time <= newest);
         let Some(pose) = sample.trusted().filter(|_| !late) else { return };
+        if !self.believes(sample.time, pose) {
+            return;
+        }
         let elapsed = self.trusted.map_or(Duration::ZERO, |before| sample.time.since(before));
         let first = self.trusted.is_none();
         self.trusted = Some(sample.time);
@@ -393,7 +412,7 @@ impl Navigator {
             self.corridor = Some(around.widened(CORRIDOR_MARGIN));
         }
         self.estimator.observe(sample.time, pose);
-        self.measure_error(first, elapsed.min(self.settings.pose_deadline));
+        self.measure_error(first, elapsed.min(self.pose_deadline));
         // Until it drives there is time to think.
         if self.decided.is_none() {
             self.look_further(sample.time);
@@ -404,10 +423,26 @@ impl Navigator {
         }
     }
 
+    /// Returns whether the robot can be there by its commands. Until the run begins it may be carried.
+    fn believes(&mut self, time: Instant, pose: PlanarPose) -> bool {
+        if self.started.is_none() {
+            self.plausibility.begin_again();
+        }
+        // What another program commands is in no table.
+        let commanded = match self.estimator.moved(time) {
+            Some(moved) if !self.walks || self.mode != REST => Commanded::Moved(moved),
+            _ => Commanded::Walks,
+        };
+        self.plausibility.observe(time, pose, commanded)
+    }
+
     /// Returns what to command now. [`Decision::Finished`] and [`Decision::Stopped`] are final.
     pub fn decide(&mut self, now: Instant) -> Decision {
         if let Some(decision) = self.judge(now, self.mode != REST) {
             return decision;
+        }
+        if self.decided.is_none() && self.may_be_another(now) {
+            return Decision::Rest(Resting::Moving);
         }
         if self.may_change(now) {
             self.decided = Some(now);
@@ -416,6 +451,12 @@ impl Navigator {
             self.command(now, mode);
         }
         self.present()
+    }
+
+    /// Returns whether the poses of a robot that has not walked yet move: they are not its own, or a hand carries it.
+    fn may_be_another(&self, now: Instant) -> bool {
+        let waited = self.started.map_or(Duration::ZERO, |since| now.since(since));
+        waited < LONGEST_STILL && !self.plausibility.stands_for(now, STILL)
     }
 
     /// Returns what has to be done whoever steers: to wait for poses, to end the run, or nothing. `walks`: whether the
@@ -428,15 +469,19 @@ impl Navigator {
         if self.finished {
             return Some(Decision::Finished);
         }
+        self.walks = walks;
+        if let Some(stop) = self.plausibility.end() {
+            return Some(self.stop(now, stop));
+        }
         let age = now.since(self.trusted.unwrap_or(started));
-        if self.trusted.is_none() || age > self.settings.pose_deadline {
+        if self.trusted.is_none() || age > self.pose_deadline {
             return Some(self.wait_for_pose(now, age));
         }
-        let walked = self.standstill.watch(now, walks, &self.measured);
-        if walked >= self.settings.standstill_patience {
-            return Some(self.stop(now, EndReason::NotMoving { walked }));
+        // While this navigator steers, its decisions note where they were taken.
+        if !walks || self.mode == REST {
+            self.look_back(now, walks);
         }
-        if let Some(stop) = self.breach() {
+        if let Some(stop) = self.breach(now) {
             return Some(self.stop(now, stop));
         }
         if self.is_done(now) {
@@ -470,7 +515,7 @@ impl Navigator {
         Decision::Rest(reason)
     }
 
-    fn breach(&self) -> Option<EndReason> {
+    fn breach(&self, now: Instant) -> Option<EndReason> {
         let at = self.measured.position();
         let fence = self.corridor.unwrap_or(self.settings.fence);
         if !fence.contains(at) {
@@ -482,6 +527,10 @@ impl Navigator {
         }
         if !self.progress.joined && self.settings.approach == Approach::Off {
             return Some(EndReason::NotOnPath { error, limit: JOINED_WITHIN });
+        }
+        let held = self.held_for(now);
+        if self.walks && self.progress.joined && held > PROGRESS_PATIENCE {
+            return Some(EndReason::NoProgress { held, at });
         }
         (self.progress.joined && error > limit).then_some(EndReason::OffPath { error, limit })
     }
@@ -528,9 +577,9 @@ impl Navigator {
             goal => match &self.controller {
                 Controller::Predictive => self.look_ahead(now, goal, self.prospects()),
                 Controller::TwoState(controller) => self.turn_towards(controller, goal),
-                Controller::Learned { outlook, furthest } => {
+                Controller::Learned { outlook } => {
                     let mut prospects = self.prospects();
-                    prospects.weights = Weights::learned(now.since(furthest.1).as_secs_f64());
+                    prospects.weights = Weights::learned(self.held_for(now).as_secs_f64());
                     prospects.pace = self.estimator.pace();
                     prospects.outlook = Some(outlook);
                     self.look_ahead(now, goal, prospects)
@@ -539,19 +588,30 @@ impl Navigator {
         }
     }
 
+    /// Notes when the robot came to this place of its path; a robot at rest is not held.
+    fn look_back(&mut self, now: Instant, walks: bool) {
+        let reached = self.progress.arc_length;
+        if !walks || (reached - self.held.0).abs() > HELD_WITHIN {
+            self.held = (reached, now);
+        }
+    }
+
+    /// Returns for how long the robot has not left its place.
+    fn held_for(&self, now: Instant) -> Duration {
+        now.since(self.held.1)
+    }
+
     /// Works out some more of what the way ahead costs, where it is known how the robot walks.
     fn look_further(&mut self, now: Instant) {
-        let Controller::Learned { outlook, furthest } = &mut self.controller else { return };
-        let reached = self.progress.arc_length;
-        if self.mode == REST || (reached - furthest.0).abs() > HELD_WITHIN {
-            *furthest = (reached, now);
-        }
-        let weights = Weights::learned(now.since(furthest.1).as_secs_f64());
+        self.look_back(now, self.walks);
+        let held = self.held_for(now).as_secs_f64();
+        let Controller::Learned { outlook } = &mut self.controller else { return };
         if let (Some(pace), Goal::Follow { path, arc_length }) =
             (self.estimator.pace(), goal_of(&self.task, &self.progress))
         {
             let motions = self.estimator.motions();
-            outlook.consider(path, arc_length, motions, weights.progress, |it| pace.best(it));
+            let progress = Weights::learned(held).progress;
+            outlook.consider(path, arc_length, motions, progress, |it| pace.best(it));
         }
     }
 
@@ -583,7 +643,7 @@ impl Navigator {
     fn turn_towards(&self, controller: &TwoState, goal: Goal<'_>) -> usize {
         let pose = self.estimator.pose().unwrap_or(self.measured);
         let target = match goal {
-            Goal::Follow { path, arc_length } => path.at(arc_length + LOOK_AHEAD).position(),
+            Goal::Follow { path, arc_length } => path.ahead(arc_length, LOOK_AHEAD).position(),
             Goal::Reach { point } => point,
         };
         controller.choose(&pose, target, self.mode)

@@ -4,10 +4,24 @@
 //! is its arc length in metres from the start; on a closed path the arc length continues to grow
 //! lap after lap.
 
-use crate::pose::geometry::{Area, PlanarPose, Position};
+use crate::pose::geometry::{Area, PlanarPose, Position, wrap};
 
 /// Largest distance between two neighbouring points, m: a fortieth of the robot's length.
 pub const SPACING: f64 = 0.005;
+
+/// Length of a path around a tip on which both branches are looked at, m: half of it before the tip.
+const TIP: f64 = 0.04;
+/// Change of the course within a spacing that makes a corner, rad: seven times that of the tightest bend of a figure eight.
+const CORNER: f64 = 0.3;
+/// Change of the course that makes a tip, rad (120 degrees).
+const TURNS_BACK: f64 = 2.0 * std::f64::consts::FRAC_PI_3;
+/// Difference of distances below which places are equally near, m: half the spacing.
+const ALIKE: f64 = 0.5 * SPACING;
+
+/// Ends of a list of waypoints that are no farther apart close the path, m: a robot that is so near to its path has joined it.
+const CLOSED_WITHIN: f64 = 0.05;
+/// Largest share of the length by which the ends of a closed path are apart.
+const OPEN_SHARE: f64 = 0.1;
 
 /// Longest path, m: a wrong unit must not fill the memory.
 const LONGEST: f64 = 10_000.0;
@@ -28,6 +42,8 @@ pub struct Projection {
 pub struct Path {
     name: String,
     points: Vec<PlanarPose>,
+    /// Change of the course from each point to the next one, rad.
+    bends: Vec<f64>,
     spacing: f64,
     closed: bool,
 }
@@ -110,7 +126,7 @@ impl Path {
     }
 
     /// Reads waypoints from a text: one `x,y` per line in metres (comma, semicolon or blanks
-    /// between). Empty lines, `#` comments and one heading line are allowed. A last point equal to
+    /// between). Empty lines, `#` comments and one heading line are allowed. A last point within 50 mm of
     /// the first closes the path.
     ///
     /// # Errors
@@ -130,9 +146,11 @@ impl Path {
                 None => return Err(PathError::NotAPoint { line, text: content.to_owned() }),
             }
         }
+        let length: f64 = points.windows(2).map(|ends| ends[0].distance_to(ends[1])).sum();
+        let gap = points.first().zip(points.last()).map(|(a, b)| a.distance_to(*b));
         let closed = points.len() > 3
-            && points.first().zip(points.last()).is_some_and(|(a, b)| a.distance_to(*b) < 1e-6);
-        if closed {
+            && gap.is_some_and(|gap| gap <= CLOSED_WITHIN.min(OPEN_SHARE * length));
+        if closed && gap.is_some_and(|gap| gap < 1e-6) {
             points.pop();
         }
         Self::through(name, &points, closed)
@@ -165,6 +183,13 @@ impl Path {
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.closed
+    }
+
+    /// Returns the distance between both ends of an open path, m.
+    #[must_use]
+    pub fn gap(&self) -> Option<f64> {
+        let ends = self.points.first().zip(self.points.last()).filter(|_| !self.closed);
+        ends.map(|(first, last)| first.distance_to(last.position()))
     }
 
     /// Returns its points in order, each facing along the path.
@@ -209,7 +234,9 @@ impl Path {
 
     /// Returns the nearest place that is reached from the arc length `near` along the path: the
     /// place of a robot that was at `near` a moment ago. Other branches of the path, as in the
-    /// middle of a figure eight, are not considered.
+    /// middle of a figure eight, are not considered. Where the path turns back on itself, two places are equally near, and
+    /// the one ahead counts: a robot that comes within 20 mm of a tip is on its way back. So is one beyond a corner: it is
+    /// beside the way that begins there.
     #[must_use]
     pub fn follow(&self, position: Position, near: f64) -> Projection {
         /// Points that the search looks beyond a rise of the distance, to pass corners.
@@ -228,7 +255,60 @@ impl Path {
                 candidate += direction;
             }
         }
-        self.beside(position, best)
+        let best = if self.is_past_corner(position, best) { best + 1 } else { best };
+        self.beside(position, self.past_tip(position, best).unwrap_or(best))
+    }
+
+    /// Returns whether a position lies beyond a corner that follows the point of this index.
+    fn is_past_corner(&self, position: Position, index: i64) -> bool {
+        let point = self.points[self.index(index)];
+        let (sin, cos) = point.heading.sin_cos();
+        let along = cos * (position.x - point.x) + sin * (position.y - point.y);
+        along > self.spacing / 2.0 && self.bend(index) > CORNER
+    }
+
+    /// Returns the place on the branch that leads back, if a tip of the path is ahead of this place and that is as near.
+    fn past_tip(&self, position: Position, index: i64) -> Option<i64> {
+        let most = (TIP / self.spacing) as i64;
+        let tip = index + 1 + (0..most / 2).find(|ahead| self.is_tip(index + ahead))?;
+        let nearest = |from: i64, to: i64| {
+            let points = (from..=to).map(|it| (self.beside(position, it).error.abs(), it));
+            points.min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let (here, back) = (self.beside(position, index).error.abs(), nearest(tip, index + most)?);
+        (back.0 <= here + ALIKE).then_some(back.1)
+    }
+
+    /// Returns whether the path turns back between the point of this index and the next one.
+    fn is_tip(&self, index: i64) -> bool {
+        self.bend(index) > TURNS_BACK
+    }
+
+    /// Returns the change of the course between the point of this index and the next one, rad.
+    fn bend(&self, index: i64) -> f64 {
+        self.bends[self.index(index)]
+    }
+
+    /// Returns the course on which a robot returns to the path within a length: that of the path, and towards it. Where a
+    /// corner is nearer than that length, towards the place behind the corner, or else the robot would wait before it.
+    #[must_use]
+    pub(crate) fn course(&self, position: Position, place: &Projection, length: f64) -> f64 {
+        let start = (place.arc_length / self.spacing).round() as i64;
+        let most = (length / self.spacing).round() as i64;
+        if (0..most).any(|ahead| self.bend(start + ahead) > CORNER) {
+            return position.bearing_to(self.ahead(place.arc_length, length).position());
+        }
+        place.tangent - (place.error / length).atan()
+    }
+
+    /// Returns the pose so far ahead of an arc length, or at the tip before it that is more than 20 mm ahead.
+    #[must_use]
+    pub(crate) fn ahead(&self, arc_length: f64, distance: f64) -> PlanarPose {
+        let start = (arc_length / self.spacing).round() as i64;
+        let most = (distance / self.spacing).round() as i64;
+        let near = (0.5 * TIP / self.spacing) as i64;
+        let tip = (near..most).find(|ahead| self.is_tip(start + ahead));
+        self.points[self.index(start + tip.unwrap_or(most))]
     }
 
     /// Returns the projection of a position onto the start of the path.
@@ -300,7 +380,12 @@ impl Path {
             let share = ((wanted - behind) / a.distance_to(b)).clamp(0.0, 1.0);
             points.push(PlanarPose::new(a.towards(b, share), a.bearing_to(b)));
         }
-        Ok(Self { name: name.to_owned(), points, spacing, closed })
+        let bend = |index: usize| {
+            let next = if closed { (index + 1) % count } else { (index + 1).min(count - 1) };
+            wrap(points[next].heading - points[index].heading).abs()
+        };
+        let bends = (0..count).map(bend).collect();
+        Ok(Self { name: name.to_owned(), points, bends, spacing, closed })
     }
 }
 
@@ -410,5 +495,55 @@ mod tests {
         let start = placed.start();
         assert!((start.x - 3.0 - 0.5 * 1f64.cos()).abs() < 1e-9);
         assert!((placed.length() - length).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_robot_that_turns_back_at_a_tip_is_on_the_branch_that_leads_back() {
+        for (text, tip) in [("0,0\n0.6,0\n0.6,0.3\n0.6,0\n0,0", 0.9), ("0,0\n0.9,0\n0,0", 0.9)] {
+            let path = Path::from_text("spur", text).unwrap();
+            let place = |s: f64| path.at(s).position();
+            let mut reached = tip - 0.1;
+            // Up to 10 mm before the tip, and back, beside the path by 3 mm.
+            for step in 0..=40 {
+                let s = tip - 0.01 - 0.0045 * f64::from((step - 20i32).abs());
+                let Position { x, y } = place(s);
+                reached = path.follow(Position::new(x + 0.003, y + 0.003), reached).arc_length;
+            }
+            assert!((reached - tip - 0.1).abs() < 0.01, "{text}: {reached}");
+        }
+    }
+
+    #[test]
+    fn a_robot_that_walked_past_a_corner_is_beside_the_way_behind_it() {
+        // Corners on a point of the path, and between two.
+        for corner in [0.6, 0.6012, 0.5979] {
+            let text = format!("0,0\n{corner},0\n{corner},-0.5\n0,-0.5\n0,0");
+            let path = Path::from_text("corner", &text).unwrap();
+            for beside in [-0.002, 0.0, 0.002] {
+                let place = path.follow(Position::new(corner + 0.02, beside), corner - 0.01);
+                assert!((place.tangent + std::f64::consts::FRAC_PI_2).abs() < 1e-9, "{place:?}");
+                assert!((place.error - 0.02).abs() < 0.001, "{place:?}");
+                assert!((place.arc_length - corner).abs() < 0.006, "{place:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_loop_whose_ends_nearly_meet_is_closed_and_one_that_is_open_has_a_gap() {
+        let circle = |points: u32, last: u32| {
+            let point = |i: u32| {
+                let angle = std::f64::consts::TAU * f64::from(i) / f64::from(points);
+                format!("{},{}\n", 0.4 * angle.cos(), 0.4 * angle.sin())
+            };
+            Path::from_text("circle", &(0..=last).map(point).collect::<String>()).unwrap()
+        };
+        for path in [circle(100, 100), circle(100, 99), circle(1000, 999)] {
+            assert!(path.is_closed() && path.gap().is_none());
+            assert!((path.length() - 0.8 * std::f64::consts::PI).abs() < 0.01, "{}", path.length());
+        }
+        let slip = Path::from_text("slip", "0,0\n1,0\n1,1\n0,1\n0.0001,0").unwrap();
+        assert!(slip.is_closed());
+        let arc = circle(100, 75);
+        assert!(!arc.is_closed() && arc.gap().is_some_and(|gap| (gap - 0.566).abs() < 0.01));
     }
 }

@@ -184,7 +184,7 @@ impl<'a> Prospects<'a> {
                 if let Some(outlook) = self.outlook {
                     return outlook.cost(place.arc_length, place.error, node.pose.heading);
                 }
-                let course = place.tangent - (place.error / self.weights.return_length).atan();
+                let course = path.course(node.pose.position(), &place, self.weights.return_length);
                 let astray = 1.0 - self.course_error(node, course).cos();
                 self.weights.tail * self.weights.robust(place.error) + self.weights.course * astray
             }

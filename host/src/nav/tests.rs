@@ -124,7 +124,12 @@ struct Run {
     walker: Walker,
     now: Instant,
     last: Decision,
+    /// What a hand adds to the pose in each of so many steps.
+    push: ([f64; 3], u32),
 }
+
+/// Steps for which a hand pushes the robot: 0.5 s.
+const PUSH: u32 = 100;
 
 impl Run {
     fn new(
@@ -140,7 +145,15 @@ impl Run {
             walker: Walker::new(seed, link, pose),
             now: Instant::START,
             last: Decision::Rest(Resting::NoPoseYet),
+            push: ([0.0; 3], 0),
         }
+    }
+
+    /// Pushes the robot to a pose.
+    fn push(&mut self, to: PlanarPose) {
+        let from = self.walker.pose;
+        let way = [to.x - from.x, to.y - from.y, wrap(to.heading - from.heading)];
+        self.push = (way.map(|part| part / f64::from(PUSH)), PUSH);
     }
 
     fn mode(&self) -> usize {
@@ -154,6 +167,12 @@ impl Run {
     fn step(&mut self) {
         self.now = self.now + STEP;
         self.walker.step(self.now);
+        if self.push.1 > 0 {
+            let ([x, y, turn], steps) = &mut self.push;
+            let pose = &mut self.walker.pose;
+            (pose.x, pose.y, pose.heading) = (pose.x + *x, pose.y + *y, pose.heading + *turn);
+            *steps -= 1;
+        }
         let tick = self.now.as_micros() / STEP.as_micros() as u64;
         if tick.is_multiple_of(2) {
             let sample = self.walker.sample(self.now);
@@ -200,11 +219,11 @@ fn pushes(link: Link, count: u32, seed: u64) -> Vec<Option<(f64, f64)>> {
     (0..count)
         .map(|_| {
             let (bearing, distance) = (TAU * chance.uniform(), 0.5 * chance.uniform().sqrt());
-            run.walker.pose = PlanarPose {
+            run.push(PlanarPose {
                 x: distance * bearing.cos(),
                 y: distance * bearing.sin(),
                 heading: TAU * chance.uniform() - PI,
-            };
+            });
             arrival(&mut run)
         })
         .collect()
@@ -216,7 +235,7 @@ fn arrival(run: &mut Run) -> Option<(f64, f64)> {
     let mut rested = 0.0;
     while run.seconds() - begin < 120.0 {
         run.step();
-        let rests = run.last == Decision::Rest(Resting::Arrived);
+        let rests = run.last == Decision::Rest(Resting::Arrived) && run.push.1 == 0;
         rested = if rests { rested + STEP.as_secs_f64() } else { 0.0 };
         if rested > 1.0 {
             let error = run.walker.pose.distance_to(Position::ORIGIN) * 1e3;
@@ -335,24 +354,22 @@ fn without_any_pose_the_robot_never_moves() {
 
 #[test]
 fn outside_the_fence_the_run_ends_and_says_where() {
-    let mut run = under_way();
-    run.walker.pose.x = 2.0;
-    let sample = run.walker.sample(after(&run, 10));
-    run.navigator.observe(&sample);
-    let Decision::Stopped(stop) = run.navigator.decide(after(&run, 10)) else {
-        panic!("still going");
-    };
-    assert!(stop.to_string().contains("2.00"), "{stop}");
+    let task = Task::Reach { point: Position::ORIGIN, stay: true };
+    let start = PlanarPose { x: 1.2, y: 0.0, heading: 0.0 };
+    let mut run = Run::new(task, ControllerKind::Predictive, GOOD, 1, start);
+    run.until_end(0.5);
+    run.push(PlanarPose { x: 2.0, ..start });
+    run.until_end(10.0);
+    let Decision::Stopped(stop) = run.last else { panic!("still going") };
+    assert!(stop.to_string().contains("at 1.5"), "{stop}");
 }
 
 #[test]
 fn too_far_from_the_path_the_run_ends_and_says_how_far() {
     let mut run = under_way();
-    run.walker.pose = PlanarPose { x: 0.0, y: 0.8, heading: 0.0 };
-    let sample = run.walker.sample(after(&run, 10));
-    run.navigator.observe(&sample);
-    let decision = run.navigator.decide(after(&run, 10));
-    assert!(matches!(decision, Decision::Stopped(EndReason::OffPath { .. })), "{decision:?}");
+    run.push(PlanarPose { x: 0.0, y: 0.8, heading: 0.0 });
+    run.until_end(10.0);
+    assert!(matches!(run.last, Decision::Stopped(EndReason::OffPath { .. })), "{:?}", run.last);
 }
 
 /// Modes of a minute's run whose beginning was seen: the one before, itself, and how long it was kept.
@@ -400,8 +417,8 @@ fn a_pushed_robot_finds_back_to_its_path_and_ends_its_laps() {
     while run.seconds() < 20.0 {
         run.step();
     }
-    run.walker.pose.y += 0.25;
-    run.walker.pose.heading += 2.5;
+    let PlanarPose { x, y, heading } = run.walker.pose;
+    run.push(PlanarPose { x, y: y + 0.25, heading: heading + 2.5 });
     run.until_end(400.0);
     assert_eq!(run.last, Decision::Finished, "{:?}", run.navigator.progress());
 }
@@ -430,6 +447,91 @@ fn poses_that_stand_still_while_the_robot_walks_end_the_run() {
         }
     });
     assert!(matches!(end, Some(EndReason::NotMoving { .. })), "{end:?}");
+}
+
+/// The reason for which a run under way ends within 3 s, by poses that a tracker reports in place of the robot's.
+fn ends_by(lie: impl Fn(PlanarPose, f64) -> PlanarPose) -> Option<EndReason> {
+    let mut run = under_way();
+    let begin = run.seconds();
+    while run.seconds() < begin + 3.0 {
+        run.now = run.now + STEP;
+        run.walker.step(run.now);
+        let sample = run.walker.sample(run.now);
+        let seen = lie(sample.trusted()?, run.seconds() - begin);
+        run.navigator.observe(&PoseSample { pose: Pose::planar(seen, 0.06), ..sample });
+        run.last = run.navigator.decide(run.now);
+        if let Decision::Stopped(stop) = &run.last {
+            return Some(stop.clone());
+        }
+        let mode = run.mode();
+        run.walker.send(run.now, mode);
+    }
+    None
+}
+
+#[test]
+fn poses_that_jump_away_from_a_walking_robot_end_the_run() {
+    let other = |_, seconds: f64| PlanarPose { x: 0.3 + 0.1 * seconds, y: -0.2, heading: 0.5 };
+    let flipped = |pose: PlanarPose, _| PlanarPose { heading: pose.heading + PI, ..pose };
+    let lost = |_, _| PlanarPose { x: 0.0, y: 0.0, heading: 0.0 };
+    for end in [ends_by(other), ends_by(flipped), ends_by(lost)] {
+        assert!(matches!(end, Some(EndReason::Jumped { .. })), "{end:?}");
+    }
+}
+
+#[test]
+fn poses_that_move_against_the_commands_end_the_run() {
+    let begin = under_way().walker.pose;
+    let backwards = |pose: PlanarPose, _| PlanarPose {
+        x: 2.0 * begin.x - pose.x,
+        y: 2.0 * begin.y - pose.y,
+        heading: 2.0 * begin.heading - pose.heading,
+    };
+    let end = ends_by(backwards);
+    assert!(matches!(end, Some(EndReason::NotAnswering { .. })), "{end:?}");
+}
+
+#[test]
+fn single_poses_that_come_back_end_nothing() {
+    let outlier = |pose: PlanarPose, seconds: f64| {
+        let is_out = (seconds % 1.0) < 0.01;
+        if is_out { PlanarPose { x: 9.0, y: 9.0, heading: 0.0 } } else { pose }
+    };
+    assert_eq!(ends_by(outlier), None);
+}
+
+#[test]
+fn a_robot_that_trembles_in_its_place_for_30_s_ends_its_run() {
+    let mut run = Run::new(eight(2), ControllerKind::Predictive, GOOD, 1, PlanarPose::default());
+    let end = (0..8000).find_map(|_| {
+        run.now = run.now + STEP;
+        // To and fro by more than a standing robot, and nowhere. Another program commands it to walk.
+        run.walker.pose.heading = 0.3 * (TAU * run.seconds()).sin();
+        let sample = run.walker.sample(run.now);
+        run.navigator.observe(&sample);
+        run.navigator.judge(run.now, true)
+    });
+    assert!(matches!(end, Some(Decision::Stopped(EndReason::NoProgress { .. }))), "{end:?}");
+    assert!(run.seconds() > 29.0, "after {} s", run.seconds());
+}
+
+#[test]
+fn a_closed_path_with_a_spur_is_walked_once_round_to_its_tip() {
+    let path = Path::from_text("spur", "0,0\n0.6,0\n0.6,0.3\n0.6,0\n0,0").unwrap();
+    let tip = Position::new(0.6, 0.3);
+    for seed in 1..=8 {
+        let task = Task::Follow { path: path.clone(), laps: 1 };
+        let mut run = Run::new(task, ControllerKind::Predictive, GOOD, seed, PlanarPose::default());
+        let mut nearest = f64::MAX;
+        while run.seconds() < 100.0 && run.last != Decision::Finished {
+            run.step();
+            nearest = nearest.min(run.walker.pose.distance_to(tip));
+        }
+        let progress = run.navigator.progress();
+        assert_eq!(run.last, Decision::Finished, "{progress:?}");
+        assert!(nearest < 0.04, "{nearest} m from the tip");
+        assert!(progress.laps >= 0.95 && progress.error_rms < 0.04, "{progress:?}");
+    }
 }
 
 #[test]

@@ -21,11 +21,14 @@ use crate::link::{ARM_PATIENCE, Client, LinkError, REVOKED_PATIENCE, StopState, 
 use crate::nav::{
     Decision, EndReason, Footing, Identification, Navigator, PlanarPose, Progress, Resting,
 };
+use crate::pose::rate::{PoseRate, is_too_low};
 use crate::pose::{LATE, PoseSample};
 use crate::record::{Level, RecordError, Recorder};
 
 /// Longest time for coming to rest and disarming at the end.
 pub(crate) const END_PATIENCE: Duration = Duration::from_secs(3);
+/// Longest wait of an armed robot for poses that tell how often they come.
+const RATE_PATIENCE: Duration = Duration::from_secs(2);
 /// Interval of the navigation rows in the record.
 const RECORD_PERIOD: Duration = Duration::from_millis(50);
 /// Shaking frequency below which a robot is at rest, Hz.
@@ -39,6 +42,8 @@ pub trait Helm {
     fn decide(&mut self, now: Instant) -> Decision;
     /// Sets the time from sending a command until the robot obeys it, as measured on the link.
     fn set_latency(&mut self, _latency: Duration) {}
+    /// Sets the time from one pose to the next, as measured.
+    fn set_pose_period(&mut self, _period: Duration) {}
     /// Takes telemetry that was sent at `sent` at the latest, on the clock of [`Helm::decide`].
     fn hear(&mut self, _telemetry: &Telemetry, _sent: Instant) {}
     /// Returns the filtered pose and the progress, if the helm has them.
@@ -60,6 +65,10 @@ impl Helm for Navigator {
         self.set_latency(latency);
     }
 
+    fn set_pose_period(&mut self, period: Duration) {
+        self.set_pose_period(period);
+    }
+
     fn progress(&self) -> Option<(PlanarPose, Progress)> {
         self.pose().map(|pose| (pose, self.progress()))
     }
@@ -72,6 +81,10 @@ impl Helm for Identification {
 
     fn hear(&mut self, telemetry: &Telemetry, sent: Instant) {
         self.hear(sent, telemetry);
+    }
+
+    fn set_pose_period(&mut self, period: Duration) {
+        self.set_pose_period(period);
     }
 
     fn decide(&mut self, now: Instant) -> Decision {
@@ -151,6 +164,7 @@ impl Recorded {
 pub struct Pilot<H> {
     helm: H,
     footing: Footing,
+    rate: PoseRate,
     /// By how much the newest pose came later than the fastest one.
     late: Duration,
     names: Vec<String>,
@@ -160,6 +174,7 @@ pub struct Pilot<H> {
     recorder: Option<Recorder>,
     record_error: Option<RecordError>,
     drives_unrecorded: bool,
+    patience: Option<Duration>,
     recorded: Option<Instant>,
     commanded: Option<(Setpoint, String)>,
     driving_since: Option<Instant>,
@@ -172,6 +187,7 @@ impl<H: Helm> Pilot<H> {
         Self {
             helm,
             footing: Footing::default(),
+            rate: PoseRate::default(),
             late: Duration::ZERO,
             names,
             phase: Phase::Connecting,
@@ -180,6 +196,7 @@ impl<H: Helm> Pilot<H> {
             recorder,
             record_error: None,
             drives_unrecorded: false,
+            patience: None,
             recorded: None,
             commanded: None,
             driving_since: None,
@@ -194,10 +211,23 @@ impl<H: Helm> Pilot<H> {
         self
     }
 
+    /// Ends the run when it has driven for longer.
+    #[must_use]
+    pub fn within(mut self, patience: Duration) -> Self {
+        self.patience = Some(patience);
+        self
+    }
+
     /// Returns why the run goes on unrecorded.
     #[must_use]
     pub fn unrecorded(&self) -> Option<&RecordError> {
         self.record_error.as_ref().filter(|_| self.drives_unrecorded)
+    }
+
+    /// Returns the poses a second; `None` of too few poses.
+    #[must_use]
+    pub fn pose_rate(&self) -> Option<f64> {
+        self.rate.rate()
     }
 
     /// Returns the helm.
@@ -263,11 +293,17 @@ impl<H: Helm> Pilot<H> {
         let mut off_its_feet = None;
         for sample in poses {
             off_its_feet = self.footing.observe(sample).or(off_its_feet);
+            self.rate.observe(sample.time);
             self.helm.observe(sample);
             self.late = sample.late();
             self.record(|recorder| recorder.pose(sample));
         }
-        if let Some(stop) = off_its_feet.filter(|_| self.phase == Phase::Driving) {
+        if let Some(period) = self.rate.period() {
+            self.helm.set_pose_period(period);
+        }
+        let too_few = self.rate.rate().filter(|rate| is_too_low(*rate));
+        let too_few = too_few.map(|rate| EndReason::TooFewPoses { rate });
+        if let Some(stop) = off_its_feet.or(too_few).filter(|_| self.phase == Phase::Driving) {
             self.fail(now, client, Ending::Stopped(stop));
         }
         while let Some(update) = client.update() {
@@ -280,6 +316,10 @@ impl<H: Helm> Pilot<H> {
             self.fail(now, client, ending);
         }
         let begun = *self.since.get_or_insert(now);
+        let driven = self.driving_since.map_or(Duration::ZERO, |since| now.since(since));
+        if let Some(patience) = self.patience.filter(|it| driven > *it) {
+            self.end(now, client, Ending::OutOfTime(patience));
+        }
         match self.phase {
             // The session may stand since before the run.
             Phase::Connecting if client.insist_on(now, Wish::Arm, ARM_PATIENCE).is_ok() => {
@@ -328,7 +368,8 @@ impl<H: Helm> Pilot<H> {
         }
         match (&self.phase, update) {
             (Phase::Arming, Update::Telemetry(telemetry)) => {
-                if matches!(telemetry.state, State::Armed | State::Running) {
+                let is_armed = matches!(telemetry.state, State::Armed | State::Running);
+                if is_armed && self.knows_rate(now) {
                     self.begin_driving(now, client);
                 }
             }
@@ -370,6 +411,12 @@ impl<H: Helm> Pilot<H> {
         self.helm.hear(telemetry, Instant::START + since_start.saturating_sub(way));
     }
 
+    /// Returns whether it is known how often poses come, or that few come.
+    fn knows_rate(&self, now: Instant) -> bool {
+        let waited = self.since.map_or(Duration::ZERO, |since| now.since(since));
+        self.rate.period().is_some() || waited > RATE_PATIENCE
+    }
+
     fn begin_driving(&mut self, now: Instant, client: &Client) {
         let measured = client.statistics().round_trip_quantile(0.5).map(|trip| trip / 2);
         if let Some(latency) = measured {
@@ -394,6 +441,7 @@ impl<H: Helm> Pilot<H> {
                     }
                     Resting::NoPoseYet => "rest: no pose yet",
                     Resting::PoseTooOld => "rest: the pose is too old",
+                    Resting::Moving => "rest: the poses move",
                     Resting::Arrived => "rest",
                 };
                 self.command(now, client, Setpoint::REST, name.to_owned());

@@ -234,6 +234,10 @@ impl Helm for Steering {
         self.navigator.set_latency(latency);
     }
 
+    fn set_pose_period(&mut self, period: Duration) {
+        self.navigator.set_pose_period(period);
+    }
+
     fn progress(&self) -> Option<(PlanarPose, Progress)> {
         Helm::progress(&self.navigator)
     }

@@ -14,6 +14,7 @@ pub mod geometry;
 pub mod natnet;
 #[cfg(not(target_family = "wasm"))]
 mod order;
+pub mod rate;
 #[cfg(not(target_family = "wasm"))]
 mod stream;
 #[cfg(not(target_family = "wasm"))]

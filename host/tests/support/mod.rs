@@ -63,6 +63,7 @@ pub struct FakeRobot {
     pub stopped_by: OperatorName,
     /// When it was asked to stop for the last time.
     pub stopped_at: Option<Instant>,
+    pub failed_at: Option<Instant>,
     pub faults: Faults,
     pub setpoint: Setpoint,
     pub parameters: Vec<Parameter>,
@@ -124,6 +125,7 @@ impl FakeRobot {
             stopped: false,
             stopped_by: OperatorName::OWNER,
             stopped_at: None,
+            failed_at: None,
             faults: Faults::NONE,
             setpoint: Setpoint::REST,
             parameters: parameters(),
@@ -555,7 +557,10 @@ impl FakeRobot {
             link: self.session.quality(now),
             operator: self.session.operator(now).unwrap_or(OperatorName::OWNER),
             stopped_by: self.stopped.then_some(self.stopped_by),
-            stopped_at: self.stopped_at.filter(|_| self.stopped),
+            latched_at: self
+                .stopped_at
+                .filter(|_| self.stopped)
+                .max(self.failed_at.filter(|_| !self.faults.is_empty())),
         }
     }
 }

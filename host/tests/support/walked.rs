@@ -45,7 +45,7 @@ pub fn telemetry(seconds: f64) -> Telemetry {
         held_us: 0,
         withheld: None,
         stopped_by: None,
-        stopped_at: None,
+        latched_at: None,
         setpoint: forward(),
         frequency: Hertz::saturating(-29.9),
         direction: Degrees::saturating(30.2),
@@ -91,7 +91,7 @@ pub fn write_record(folder: &FilePath) -> PathBuf {
 pub fn write_record_of(folder: &FilePath, steps: u16) -> PathBuf {
     let description = RunDescription {
         name: "track circle".into(),
-        run: BTreeMap::from([("robot".into(), "walker-1".into())]),
+        run: BTreeMap::from([("robot".into(), "walker-3f2c".into())]),
         settings: BTreeMap::from([("latency".into(), "20ms".into())]),
         versions: BTreeMap::from([("flix".into(), "0.1.0".into())]),
     };

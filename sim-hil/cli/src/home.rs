@@ -19,12 +19,16 @@ use serde::Serialize;
 use super::arguments::parse_time;
 use super::conditions::{LoopArgs, description};
 use super::error::Error;
-use super::output::{path_as_text, print, progress};
+use super::output::{path_as_text, print_report, progress};
 use flix_sim::experiment::course::Course;
 use flix_sim::rig::motion_capture::POSE_PERIOD;
 
 /// Farthest push, m.
 const FARTHEST: f64 = 0.5;
+/// Duration of a push, s: a shove, and a hand that leads the robot.
+const PUSH_S: [f64; 2] = [0.3, 1.0];
+/// From a push to one on the way home: the robot walks then.
+const ON_THE_WAY: Duration = Duration::from_secs(3);
 /// A robot that rests nearer than this has come home, mm.
 const HOME_WITHIN_MM: f64 = 50.0;
 /// It has to rest for so long.
@@ -32,7 +36,8 @@ const REST: Duration = Duration::from_secs(1);
 
 /// Return to the origin after pushes, in virtual time
 ///
-/// Somebody pushes the whole simulated robot away, by up to half a metre, and turns it to any heading.
+/// Somebody pushes the whole simulated robot away, by up to half a metre in 0.3 to 1 s, and turns it to any heading; every other
+/// time also on its way home.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -90,7 +95,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let pilot = Pilot::new(navigator, names(&table), Some(recorder));
     let course = Course::new(&args.conditions.conditions(PlanarPose::default())?, pilot)?;
     let report = push_around(args, course)?;
-    print(&if args.json { serde_json::to_string_pretty(&report)? + "\n" } else { text(&report) })?;
+    print_report(&report, args.json, || text(&report))?;
     let all = report.arrived == report.pushes as usize;
     Ok(if all { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
@@ -100,16 +105,21 @@ fn push_around(args: &Args, mut course: Course<Navigator>) -> Result<Report, Err
     random.jump();
     let bar = progress(u64::from(args.pushes), "pushes");
     let (mut errors, mut seconds) = (Vec::new(), Vec::new());
-    let mut ending = wait_for_rest(&mut course, args.patience)?.err();
+    let mut ending = wait_for_rest(&mut course, args.patience, |_| {})?.err();
     for _ in 0..args.pushes {
         if ending.is_some() {
             break;
         }
-        let (bearing, distance) =
-            (TAU * random.random::<f64>(), FARTHEST * random.random::<f64>().sqrt());
-        let turn = TAU * random.random::<f64>() - PI;
-        course.push((distance * bearing.cos(), distance * bearing.sin()), turn);
-        match wait_for_rest(&mut course, args.patience)? {
+        push(&mut course, FARTHEST, &mut random);
+        // Every other push is followed by one on the way home.
+        let mut again = random.random::<bool>().then(|| course.now() + ON_THE_WAY);
+        let arrived = wait_for_rest(&mut course, args.patience, |course| {
+            if again.is_some_and(|at| course.now() >= at) {
+                again = None;
+                push(course, FARTHEST / 2.0, &mut random);
+            }
+        });
+        match arrived? {
             Ok(taken) => {
                 errors.push(course.truth().distance_to(Position::ORIGIN) * 1e3);
                 seconds.push(taken);
@@ -128,15 +138,32 @@ fn push_around(args: &Args, mut course: Course<Navigator>) -> Result<Report, Err
 
 type Waited = Result<Result<f64, Ending>, Error>;
 
-/// Runs until the robot has rested for [`REST`]; the time that it took to come to rest.
-fn wait_for_rest(course: &mut Course<Navigator>, patience: Duration) -> Waited {
+/// Pushes the robot in any direction, at most so far, m, and turns it to any heading.
+fn push(course: &mut Course<Navigator>, farthest: f64, random: &mut Xoshiro256PlusPlus) {
+    let (bearing, distance) =
+        (TAU * random.random::<f64>(), farthest * random.random::<f64>().sqrt());
+    let turn = TAU * random.random::<f64>() - PI;
+    let [shortest, longest] = PUSH_S;
+    let lasts = shortest + (longest - shortest) * random.random::<f64>();
+    let offset = (distance * bearing.cos(), distance * bearing.sin());
+    course.push(offset, turn, Duration::from_secs_f64(lasts));
+}
+
+/// Runs until the robot has rested for [`REST`] and no push is under way; the time that it took to come to rest. `meddle` may
+/// push the robot.
+fn wait_for_rest(
+    course: &mut Course<Navigator>,
+    patience: Duration,
+    mut meddle: impl FnMut(&mut Course<Navigator>),
+) -> Waited {
     let begin = course.now();
     let mut rested = Duration::ZERO;
     loop {
+        meddle(course);
         if let Some(ending) = course.step()? {
             return Ok(Err(ending));
         }
-        let rests = course.pilot().helm().is_resting();
+        let rests = course.pilot().helm().is_resting() && !course.is_pushed();
         rested = if rests { rested + POSE_PERIOD } else { Duration::ZERO };
         let waited = course.now().since(begin);
         if rested >= REST {

@@ -19,7 +19,7 @@ use serde::Serialize;
 use super::arguments::parse_time;
 use super::conditions::{LoopArgs, description};
 use super::error::Error;
-use super::output::{optional_path_as_text, path_as_text, print, progress};
+use super::output::{optional_path_as_text, path_as_text, print_report, progress};
 use flix_sim::experiment::course::Course;
 use flix_sim::rig::motion_capture::POSE_PERIOD;
 use flix_sim::view::Film;
@@ -45,7 +45,7 @@ pub struct Args {
     /// Heading at the start, degrees to the left of the path
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, value_parser = within(-360.0..=360.0, "heading", " degrees"))]
     heading: f64,
-    /// Robot's time after which the run is given up
+    /// Robot's time of driving after which the run is given up
     #[arg(long, value_name = "TIME", default_value = "1h", value_parser = parse_time)]
     patience: Duration,
     /// Folder for record, pictures and replay.
@@ -109,18 +109,15 @@ pub struct Report {
 
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let report = follow(args)?;
-    print(&if args.json {
-        serde_json::to_string_pretty(&report)? + "\n"
-    } else {
-        report.to_text()
-    })?;
+    print_report(&report, args.json, || report.to_text())?;
     Ok(if report.finished { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Walks to the end and writes record, pictures and replay.
 pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let path = args.course.path()?;
-    let task = Task::Follow { path: path.clone(), laps: args.course.laps };
+    let task = args.course.task(&path)?;
+    let laps = if let Task::Follow { laps, .. } = &task { *laps } else { 1 };
     let repertoire = args.course.steering.repertoire(|| args.conditions.table())?;
     let table = repertoire.table();
     let mut settings = args.course.settings(&task)?;
@@ -135,14 +132,14 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
     let begin = flix_protocol::units::Instant::START;
     recorder.path_to_follow(begin, &path)?;
     recorder.attach(begin, "modes.toml", "application/toml", table.to_toml().as_bytes())?;
-    let pilot = Pilot::new(steering, names(&table), Some(recorder));
+    let pilot = Pilot::new(steering, names(&table), Some(recorder)).within(args.patience);
     let along = path.start();
     let start = PlanarPose { heading: along.heading + args.heading.to_radians(), ..along };
     let conditions = args.conditions.conditions(start)?;
     // A frame for every pose: often enough to see which way the rotors turn.
     let mut film = (!args.json).then(|| Film::new(&conditions.model, POSE_PERIOD.as_secs_f64()));
     let mut course = Course::new(&conditions, pilot)?;
-    let bar = progress((f64::from(args.course.laps) * path.length() * 1e3) as u64, "mm walked");
+    let bar = progress((f64::from(laps) * path.length() * 1e3) as u64, "mm walked");
     let ending = loop {
         if let Some(ending) = course.step()? {
             break ending;
@@ -150,9 +147,6 @@ pub(super) fn follow(args: &Args) -> Result<Report, Error> {
         if let Some(film) = &mut film {
             film.caption(course.plant(), course.pilot().doing());
             film.shoot(course.plant());
-        }
-        if course.now().since(begin) > args.patience {
-            course.end(Ending::OutOfTime(args.patience));
         }
         bar.set_position(
             (course.pilot().helm().navigator().progress().arc_length.max(0.0) * 1e3) as u64,

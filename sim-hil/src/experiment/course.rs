@@ -14,7 +14,7 @@ use flix_protocol::units::Instant;
 use crate::model::{ModelError, RobotModel};
 use crate::plant::{Diverged, Plant};
 use crate::rig::lossy_network::ChannelParameters;
-use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD};
+use crate::rig::motion_capture::{MotionCapture, POSE_PERIOD, TrackerFault};
 use crate::rig::operation::Operation;
 use crate::rig::simulated::{RobotParameters, SimulatedRobot};
 
@@ -39,6 +39,14 @@ pub struct Course<H> {
     pilot: Pilot<H>,
     cameras: MotionCapture,
     pose_period: Duration,
+    next_picture: Instant,
+    push: Option<Push>,
+}
+
+/// A push under way: a motion in the world, m/s and m/s, a turn to the left, rad/s, and the end.
+struct Push {
+    motion: [f64; 3],
+    ends: Instant,
 }
 
 impl<H: Helm> Course<H> {
@@ -65,6 +73,8 @@ impl<H: Helm> Course<H> {
             pilot,
             cameras: MotionCapture::new(conditions.seed),
             pose_period: POSE_PERIOD,
+            next_picture: Instant::START,
+            push: None,
         })
     }
 
@@ -111,9 +121,27 @@ impl<H: Helm> Course<H> {
         robot.electronics().ledger(robot.truth().rotor_angle).battery
     }
 
-    /// Pushes the robot: an offset in the world, m, and a turn to the left, rad.
-    pub fn push(&mut self, offset: (f64, f64), turn: f64) {
+    /// Sets the robot down elsewhere, unseen on its way: an offset in the world, m, and a turn to the left, rad.
+    pub fn set_down(&mut self, offset: (f64, f64), turn: f64) {
         self.operation.robot.mechanics_mut().displace([offset.0, offset.1, 0.0], turn);
+    }
+
+    /// Pushes the robot for so long: an offset in the world, m, and a turn to the left, rad.
+    pub fn push(&mut self, offset: (f64, f64), turn: f64, lasts: Duration) {
+        let seconds = lasts.as_secs_f64();
+        let motion = [offset.0 / seconds, offset.1 / seconds, turn / seconds];
+        self.push = Some(Push { motion, ends: self.now() + lasts });
+    }
+
+    /// Returns whether a push is under way.
+    #[must_use]
+    pub fn is_pushed(&self) -> bool {
+        self.push.is_some()
+    }
+
+    /// Makes the tracker lie, or ends that.
+    pub fn deceive(&mut self, fault: Option<TrackerFault>) {
+        self.cameras.deceive(fault);
     }
 
     /// Hangs the robot on cords, this high over the floor, m.
@@ -121,7 +149,7 @@ impl<H: Helm> Course<H> {
         self.operation.robot.mechanics_mut().hang(height);
     }
 
-    /// Takes pictures at this interval from now on; the pilot looks at what has arrived after each.
+    /// Takes pictures at this interval from now on; the pilot looks at what has arrived as often, and every [`POSE_PERIOD`] at least.
     pub fn set_pose_period(&mut self, period: Duration) {
         self.pose_period = period;
     }
@@ -144,17 +172,26 @@ impl<H: Helm> Course<H> {
         self.pilot.end(now, self.operation.client(), ending);
     }
 
-    /// Advances by one camera frame; returns `Some` once the run is over.
+    /// Advances by one camera frame, [`POSE_PERIOD`] at most; returns `Some` once the run is over.
     ///
     /// # Errors
     /// When the mechanics diverge.
     pub fn step(&mut self) -> Result<Option<Ending>, Diverged> {
-        let end = self.now() + self.pose_period;
+        let step = self.pose_period.min(POSE_PERIOD);
+        let end = self.now() + step;
         while self.now() < end {
             self.operation.tick()?;
         }
         let now = self.now();
-        self.cameras.look(now, &self.operation.robot);
+        if let Some(Push { motion: [x, y, turn], ends }) = self.push {
+            let seconds = step.as_secs_f64();
+            self.set_down((x * seconds, y * seconds), turn * seconds);
+            self.push = self.push.take().filter(|_| now < ends);
+        }
+        if now >= self.next_picture {
+            self.next_picture = now + self.pose_period;
+            self.cameras.look(now, &self.operation.robot);
+        }
         let poses = self.cameras.seen(now);
         Ok(self.pilot.step(now, self.operation.client(), &poses))
     }

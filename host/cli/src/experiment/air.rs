@@ -25,8 +25,8 @@ use flix_shell::time::duration;
     allow_missing_positional = true,
     after_help = "\
 Examples:
-  flix experiment air walker-1 lab --natnet-server 192.168.1.5
-  flix experiment air walker-1 lab --pairs 20:0,20:90 --repeat 3
+  flix experiment air walker-3f2c lab --natnet-server 192.168.1.5
+  flix experiment air walker-3f2c lab --pairs 20:0,20:90 --repeat 3
   flix experiment air lab       (against flix-sim serve --natnet --hang)"
 )]
 pub struct Args {

@@ -34,7 +34,7 @@ const SLICE: Duration = Duration::from_millis(1);
     allow_missing_positional = true,
     after_help = "\
 Examples:
-  flix experiment drops walker-1 lab --natnet-server 192.168.1.5
+  flix experiment drops walker-3f2c lab --natnet-server 192.168.1.5
   flix experiment drops lab --repeat 3
               (against flix-sim serve --natnet --pose-rate 1000, where you
               type `drop`)"

@@ -221,13 +221,13 @@ mod tests {
 
     fn opened(folder: &std::path::Path) -> Sheet {
         let sheet = Sheet::open(folder, "walks", &flix_host::experiment::walks::COLUMNS).unwrap();
-        sheet.of_robot("walker-1").unwrap()
+        sheet.of_robot("walker-3f2c").unwrap()
     }
 
     #[test]
     fn each_test_is_in_the_file_once_it_is_over_and_once_only() {
         let folder = tempfile::tempdir().unwrap();
-        let mut kept = Kept::new(opened(folder.path()), comment("walker-1"));
+        let mut kept = Kept::new(opened(folder.path()), comment("walker-3f2c"));
         let mut in_file = Vec::new();
         for done in [0, 1, 1, 2] {
             kept.keep(done, |_| rows(done)).unwrap();
@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn what_cannot_be_written_ends_the_run_and_nothing_follows_half_a_row() {
         let folder = tempfile::tempdir().unwrap();
-        let mut kept = Kept::new(opened(folder.path()), comment("walker-1"));
+        let mut kept = Kept::new(opened(folder.path()), comment("walker-3f2c"));
         std::fs::create_dir(folder.path().join("walks.csv")).unwrap();
         assert!(kept.keep(1, |_| rows(1)).unwrap_err().contains("cannot write"));
         std::fs::remove_dir(folder.path().join("walks.csv")).unwrap();
@@ -254,7 +254,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         Kept::new(opened(folder.path()), comment("walker-2")).finish(&rows(1)).unwrap();
         let sheet = Sheet::open(folder.path(), "walks", &flix_host::experiment::walks::COLUMNS);
-        assert!(matches!(sheet.unwrap().of_robot("walker-1"), Err(SheetError::OtherRobot { .. })));
+        assert!(matches!(
+            sheet.unwrap().of_robot("walker-3f2c"),
+            Err(SheetError::OtherRobot { .. })
+        ));
     }
 
     #[test]

@@ -17,9 +17,9 @@ use flix_shell::Error;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  flix experiment walks walker-1 lab --natnet-server 192.168.1.5
-  flix experiment air walker-1 lab         (hung on cords, clear of the floor)
-  flix experiment drops walker-1 lab --height 20
+  flix experiment walks walker-3f2c lab --natnet-server 192.168.1.5
+  flix experiment air daisy lab         (hung on cords, clear of the floor)
+  flix experiment drops walker-3f2c lab --height 20
   flix-sim study sysid lab")]
 pub struct Args {
     #[command(subcommand)]

@@ -24,8 +24,8 @@ use flix_shell::number::whole;
     allow_missing_positional = true,
     after_help = "\
 Examples:
-  flix experiment walks walker-1 lab
-  flix experiment walks walker-1 lab --pairs -35:30,30:90 --modes modes.toml
+  flix experiment walks walker-3f2c lab
+  flix experiment walks walker-3f2c lab --pairs -35:30,30:90 --modes modes.toml
   flix experiment walks lab --repeat 1 --seconds 3s
                                 (against flix-sim serve --natnet)"
 )]
