@@ -18,8 +18,8 @@ use flix_protocol::provision::FixedAddress;
 use smoltcp::phy::ChecksumCapabilities;
 use smoltcp::wire::{
     DHCP_CLIENT_PORT, DHCP_SERVER_PORT, DhcpMessageType as Kind, DhcpOption, DhcpPacket, DhcpRepr,
-    EthernetAddress, EthernetFrame, EthernetProtocol, IpProtocol, Ipv4Cidr, Ipv4Packet, Ipv4Repr,
-    UdpPacket, UdpRepr,
+    EthernetAddress, EthernetFrame, EthernetProtocol, EthernetRepr, IpProtocol, Ipv4Cidr,
+    Ipv4Packet, Ipv4Repr, UdpPacket, UdpRepr,
 };
 
 /// Least time from one beginning to the next, s; the last one from then on. The client repeats itself every 3 s, so that it begins
@@ -113,7 +113,9 @@ impl Lease {
             let times = packet.options().filter(|option| TIMES.contains(&option.kind));
             let times: heapless::Vec<DhcpOption<'_>, { TIMES.len() }> =
                 times.take(TIMES.len()).collect();
-            write(&DhcpRepr { additional_options: &times, ..message }, frame, written)
+            let addresses = [message.server_identifier?, Ipv4Addr::BROADCAST];
+            let message = DhcpRepr { additional_options: &times, ..message };
+            write(&message, frame, addresses, [DHCP_SERVER_PORT, DHCP_CLIENT_PORT], written)
         });
         Some(written.unwrap_or(0))
     }
@@ -224,28 +226,76 @@ fn message(frame: &[u8], ports: [u16; 2]) -> Option<(Ipv4Repr, DhcpPacket<&[u8]>
     Some((header, DhcpPacket::new_checked(datagram.payload()).ok()?))
 }
 
-/// Writes a server's message below the Ethernet header of this frame, from the server that it names. Returns its length, if it fits.
+/// Returns the address that this message to the client grants, if it does.
+pub(crate) fn granted(frame: &[u8]) -> Option<Ipv4Addr> {
+    let (_, packet) = message(frame, [DHCP_SERVER_PORT, DHCP_CLIENT_PORT])?;
+    let message = DhcpRepr::parse(&packet).ok()?;
+    (message.message_type == Kind::Ack).then_some(message.your_ip)
+}
+
+/// Writes what declines this grant: a message to the server (RFC 2131, 4.4.4), and a refusal to the client, which begins anew.
+/// Returns their lengths.
+pub(crate) fn decline(
+    grant: &[u8],
+    robot: EthernetAddress,
+    [to_server, to_client]: [&mut [u8; LONGEST_MESSAGE]; 2],
+) -> Option<[usize; 2]> {
+    let ports = [DHCP_SERVER_PORT, DHCP_CLIENT_PORT];
+    let (header, packet) = message(grant, ports)?;
+    let message = DhcpRepr::parse(&packet).ok()?;
+    let (address, everybody) = (message.your_ip, [Ipv4Addr::UNSPECIFIED, Ipv4Addr::BROADCAST]);
+    let nothing = DhcpRepr {
+        your_ip: Ipv4Addr::UNSPECIFIED,
+        router: None,
+        subnet_mask: None,
+        lease_duration: None,
+        ..message
+    };
+    let declined = DhcpRepr {
+        message_type: Kind::Decline,
+        client_identifier: Some(robot),
+        requested_ip: Some(address),
+        ..nothing.clone()
+    };
+    let mut ethernet = [0; ETHERNET_HEADER];
+    EthernetRepr {
+        src_addr: robot,
+        dst_addr: EthernetAddress::BROADCAST,
+        ethertype: EthernetProtocol::Ipv4,
+    }
+    .emit(&mut EthernetFrame::new_unchecked(&mut ethernet[..]));
+    let refused = DhcpRepr { message_type: Kind::Nak, ..nothing };
+    let [server, client] = ports;
+    Some([
+        write(&declined, &ethernet, everybody, [client, server], to_server)?,
+        write(&refused, grant, [header.src_addr, header.dst_addr], ports, to_client)?,
+    ])
+}
+
+/// Writes a message below this Ethernet header, from one address and port to another. Returns its length, if it fits.
 fn write(
     message: &DhcpRepr<'_>,
-    frame: &[u8],
+    ethernet: &[u8],
+    [src_addr, dst_addr]: [Ipv4Addr; 2],
+    [src_port, dst_port]: [u16; 2],
     written: &mut [u8; LONGEST_MESSAGE],
 ) -> Option<usize> {
-    let ports = UdpRepr { src_port: DHCP_SERVER_PORT, dst_port: DHCP_CLIENT_PORT };
+    let ports = UdpRepr { src_port, dst_port };
     let length = message.buffer_len();
     let header = Ipv4Repr {
-        src_addr: message.server_identifier?,
-        dst_addr: Ipv4Addr::BROADCAST,
+        src_addr,
+        dst_addr,
         next_header: IpProtocol::Udp,
         payload_len: ports.header_len() + length,
         hop_limit: 64,
     };
     let whole = ETHERNET_HEADER + header.buffer_len() + header.payload_len;
-    let (ethernet, packet) = written.get_mut(..whole)?.split_at_mut(ETHERNET_HEADER);
-    ethernet.copy_from_slice(frame.get(..ETHERNET_HEADER)?);
+    let (place, packet) = written.get_mut(..whole)?.split_at_mut(ETHERNET_HEADER);
+    place.copy_from_slice(ethernet.get(..ETHERNET_HEADER)?);
     let checks = ChecksumCapabilities::default();
     let mut packet = Ipv4Packet::new_unchecked(packet);
     header.emit(&mut packet, &checks);
-    let [from, to] = [header.src_addr, header.dst_addr].map(Into::into);
+    let [from, to] = [src_addr, dst_addr].map(Into::into);
     let emit = |payload: &mut [u8]| message.emit(&mut DhcpPacket::new_unchecked(payload));
     let mut result = Ok(());
     ports.emit(

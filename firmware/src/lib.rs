@@ -80,6 +80,8 @@ pub mod backtrace;
 pub mod blackbox;
 pub mod board;
 #[cfg(feature = "net")]
+mod claim;
+#[cfg(feature = "net")]
 mod dhcp;
 pub mod fast;
 pub mod hardware;
@@ -95,6 +97,7 @@ pub mod neighbours;
 pub mod net;
 pub mod provision;
 pub mod robot;
+pub mod scan;
 pub mod scope;
 pub mod settings;
 pub mod stored;

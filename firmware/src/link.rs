@@ -53,6 +53,8 @@ const REPLIES: usize = 4;
 const SLOWEST_TELEMETRY: Duration = Duration::from_millis(20);
 /// Time between two reports of the fast half.
 const REPORT_INTERVAL: Duration = Duration::from_millis(1);
+/// Time for which telemetry states the worst state of a magnet, after the encoder last reported that state.
+pub const MAGNET_SHOWN: Duration = Duration::from_secs(5);
 /// Handshake datagrams that wait to be sent.
 const ANSWERS: usize = 4;
 
@@ -67,8 +69,8 @@ pub struct Link {
     asked: Asked,
     /// Who asked first for the stop that is latched, or on its way.
     stopped_by: Option<OperatorName>,
-    /// When somebody asked for it last.
-    stopped_at: Instant,
+    /// Time of the last request to stop, or of the last latched fault, whichever is later.
+    latched_at: Instant,
     /// The largest number of a request of this session that was to change something.
     changed: Option<u32>,
     /// The newest order, where this session gives any.
@@ -92,8 +94,8 @@ pub struct Link {
     /// Whether the scope is to watch for faults again.
     releases_scope: bool,
     events: Events,
-    /// What was said of each encoder's magnet: weak, strong, missing.
-    magnets: [[bool; Magnet::ALL.len()]; 2],
+    /// When each encoder last said this of its magnet: good, weak, strong, missing.
+    magnets: [[Option<Instant>; Magnet::ALL.len()]; 2],
     telemetry_due: Instant,
     judged: Judged,
 }
@@ -125,7 +127,7 @@ impl Link {
             signal_dbm: None,
             asked: Asked::default(),
             stopped_by: None,
-            stopped_at: Instant::START,
+            latched_at: Instant::START,
             changed: None,
             order: None,
             handed_on: Order::Off,
@@ -329,12 +331,22 @@ impl Link {
     fn look_at_magnets(&mut self, report: &Report) {
         let encoders = report.encoders.iter().zip(&mut self.magnets);
         for (motor, (EncoderHealth { magnet, .. }, said)) in (0..).zip(encoders) {
-            let is_new =
-                said.get_mut(*magnet as usize).is_some_and(|it| !core::mem::replace(it, true));
-            if is_new && *magnet != Magnet::Good {
+            let Some(said) = said.get_mut(*magnet as usize) else { continue };
+            if said.replace(report.time).is_none() && *magnet != Magnet::Good {
                 self.events.push(report.time, Event::Magnet { motor, magnet: *magnet });
             }
         }
+    }
+
+    /// Returns how the encoders are, each with the worst that it said of its magnet within [`MAGNET_SHOWN`].
+    fn encoders(&self) -> [EncoderHealth; 2] {
+        let is_recent = |at: &Instant| self.report.time.since(*at) < MAGNET_SHOWN;
+        [0, 1].map(|motor| {
+            let said = Magnet::ALL.into_iter().zip(self.magnets[motor]).rev();
+            let mut recent = said.filter(|(_, at)| at.as_ref().is_some_and(is_recent));
+            let magnet = recent.next().map_or(Magnet::Good, |(magnet, _)| magnet);
+            EncoderHealth { magnet, ..self.report.encoders[motor] }
+        })
     }
 
     /// Takes over how the fast half is, and notes what happened since it was last observed.
@@ -363,6 +375,7 @@ impl Link {
             }
         }
         for fault in report.faults.iter().filter(|fault| !last.faults.contains(*fault)) {
+            self.latched_at = now;
             self.events.push(now, Event::Fault(fault));
         }
         if report.obeyed == self.asked.number {
@@ -584,7 +597,7 @@ impl Link {
         let Asked { number, stops, halts, .. } = self.asked;
         let report = &self.report;
         let is_obeyed = (number, stops, halts) == (report.obeyed, report.stops, report.halts);
-        is_obeyed && report.state.is_idle()
+        is_obeyed && report.settled().is_idle()
     }
 
     /// Returns whether the order in force may begin to drive the motors of a robot at rest.
@@ -601,7 +614,7 @@ impl Link {
         if !self.report.stopped {
             self.stopped_by = by;
         }
-        self.stopped_at = now;
+        self.latched_at = now;
         self.asked.stops = self.asked.stops.wrapping_add(1);
     }
 
@@ -633,7 +646,7 @@ impl Link {
                 let _ = self.judge(tuning.settings());
             }
             ParameterCommand::Save => {
-                self.check_idle()?;
+                self.check_state(self.report.settled())?;
                 tuning.save().map_err(|_| Refusal::Storage)?;
                 self.events.push(now, Event::SettingsSaved);
             }
@@ -655,14 +668,24 @@ impl Link {
         parameter(tuning.settings(), name)
     }
 
-    /// Accepts a change of settings, or writing flash, only while the motors are not driven, nor may be before the fast
+    /// Accepts a change of settings only while the motors are not driven, nor may be before the fast
     /// half reports again.
     fn check_idle(&self) -> Result<(), Refusal> {
-        match self.report.state {
+        self.check_state(self.report.state)
+    }
+
+    fn check_state(&self, state: State) -> Result<(), Refusal> {
+        match state {
             state if !state.is_idle() => Err(Refusal::State(state)),
             _ if self.is_beginning() => Err(Refusal::State(State::Aligning)),
             _ => Ok(()),
         }
+    }
+
+    /// Returns whether flash may be written, which holds up the fast loop: rotors rest, and none may turn before the fast half reports
+    /// again.
+    pub(crate) fn may_write(&self) -> bool {
+        self.check_state(self.report.settled()).is_ok()
     }
 
     fn next_message(
@@ -703,6 +726,7 @@ impl Link {
         self.asked.period = self.asked.period.wrapping_add(1);
         let link = self.quality(now);
         let report = &self.report;
+        let is_latched = report.stopped || !report.faults.is_empty();
         let now_alone = [report.direction; 3];
         let [direction, least, largest] = report.interval.theta().unwrap_or(now_alone);
         let bus = report.bus_voltage.map(|now| report.interval.bus().unwrap_or([now; 3]));
@@ -724,7 +748,7 @@ impl Link {
             direction: direction.into(),
             direction_range: [least, largest].map(Degrees::from),
             motors: [motor(report, 0), motor(report, 1)],
-            encoders: report.encoders,
+            encoders: self.encoders(),
             bus_voltage: bus.map(|[mean, ..]| mean.into()),
             bus_voltage_range: bus.map(|[_, least, largest]| [least, largest].map(Volts::from)),
             modulation: Ratio::saturating(f32::from(report.modulation) / f32::from(u16::MAX)),
@@ -732,7 +756,7 @@ impl Link {
             link,
             operator,
             stopped_by: self.stopped_by.filter(|_| report.stopped),
-            stopped_at: report.stopped.then_some(self.stopped_at),
+            latched_at: is_latched.then_some(self.latched_at),
         }
     }
 }

@@ -104,6 +104,43 @@ impl Responder {
         self.respond(address, None, answer)
     }
 
+    /// Asks whether a robot at another address has this robot's names, which that one then answers (RFC 6762, section 8.1); returns
+    /// the length of the question in `probe`.
+    pub fn probe(&self, address: Ipv4Addr, probe: &mut [u8; ANSWER_LENGTH]) -> Option<usize> {
+        let target = StaticCompressor::new(Buf::new(&mut probe[..]));
+        let mut questions = MessageBuilder::from_target(target).ok()?.question();
+        let records = Records { responder: self, address, legacy: false };
+        let mut pushed = Ok(());
+        let own = |place| [ADDRESS, PLACE].contains(&place);
+        records.each(|place, record| {
+            if own(place) && pushed.is_ok() {
+                pushed = questions.push(Question::new(record.owner(), Rtype::ANY, Class::IN));
+            }
+        });
+        let mut authorities = questions.authority();
+        records.each(|place, record| {
+            if own(place) && pushed.is_ok() {
+                pushed = authorities.push(record);
+            }
+        });
+        pushed.ok()?;
+        Some(authorities.finish().as_slice().len())
+    }
+
+    /// Returns the address of another robot of this name, where a datagram states one: an address of this host name that is not
+    /// `address`. Never panics.
+    #[must_use]
+    pub fn twin(&self, address: Ipv4Addr, datagram: &[u8]) -> Option<Ipv4Addr> {
+        let host = [self.host.as_str(), DOMAIN];
+        let message = Message::from_octets(datagram).ok()?;
+        message.iter().map_while(Result::ok).find_map(|(record, _)| {
+            let record = record.to_record::<A>().ok()??;
+            let stated = record.data().addr();
+            let is_twin = stated != address && record.owner().name_eq(&NameSlice::new(&host));
+            is_twin.then_some(stated)
+        })
+    }
+
     /// Writes each record that any question of a query asks for, once, then the records that the asker needs next (RFC 6763, section
     /// 12), as far as they fit; without a query, all records. `query` states whether the asker knows no multicast. Returns the
     /// length, or nothing where no record is asked for.
@@ -393,16 +430,45 @@ mod tests {
     }
 
     #[test]
+    fn a_twin_is_who_has_the_same_host_name_at_another_address() {
+        let (robot, twin) = (Responder::new("Daisy", BOARD, 1), Responder::new("daisy", BOARD, 1));
+        let other = Responder::new("rose", BOARD, 1);
+        let there = Ipv4Addr::new(192, 168, 4, 9);
+        let mut datagram = [0; ANSWER_LENGTH];
+        for (from, address, found) in
+            [(&twin, there, Some(there)), (&twin, ADDRESS, None), (&other, there, None)]
+        {
+            let length = from.announcement(address, &mut datagram).unwrap();
+            assert_eq!(robot.twin(ADDRESS, &datagram[..length]), found);
+            let length = from.probe(address, &mut datagram).unwrap();
+            assert_eq!(robot.twin(ADDRESS, &datagram[..length]), found);
+        }
+        // The answer to a twin's probe tells it of this robot.
+        let length = twin.probe(there, &mut datagram).unwrap();
+        let (from, mut answer) = (SocketAddr::from((there, PORT)), [0; ANSWER_LENGTH]);
+        let (_, length) = robot.answer(ADDRESS, from, &datagram[..length], &mut answer).unwrap();
+        assert_eq!(twin.twin(there, &answer[..length]), Some(ADDRESS));
+    }
+
+    #[test]
     fn damaged_queries_are_survived() {
-        let intact = query(&["_flix", "_udp", "local"]);
         let responder = Responder::new("Daisy", BOARD, 13549);
+        let mut probe = [0; ANSWER_LENGTH];
+        let length = responder.probe(ADDRESS, &mut probe).unwrap();
+        for intact in [query(&["_flix", "_udp", "local"]), probe[..length].to_vec()] {
+            survives_damage(&responder, &intact);
+        }
+    }
+
+    fn survives_damage(responder: &Responder, intact: &[u8]) {
         for length in 0..intact.len() {
             for value in [0, 0x3f, 0xc0, 0xff] {
-                let mut damaged = intact.clone();
+                let mut damaged = intact.to_vec();
                 damaged[length] = value;
                 let mut answer = [0; ANSWER_LENGTH];
                 responder.answer(ADDRESS, NEIGHBOUR, &damaged, &mut answer);
                 responder.answer(ADDRESS, LEGACY, &damaged[..length], &mut answer);
+                let _ = responder.twin(ADDRESS, &damaged);
             }
         }
     }

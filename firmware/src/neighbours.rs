@@ -13,21 +13,28 @@
 //!
 //! This covers operators in the robot's own network; one beyond a router depends on the router's ARP.
 //!
+//! Its own address is probed before the stack has it, announced and defended (`claim.rs`).
+//!
 //! The stack's DHCP client is kept from what networks do to it (`dhcp.rs`), others are kept from its ICMP (`icmp.rs`), and nothing
 //! leaves before the stack knows that the link is up: it would begin twice, with two messages in a millisecond, and hear the
 //! answer to neither if both are lost.
 
 use core::cell::RefCell;
+use core::future::Future;
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
+use core::pin::pin;
 use core::task::Context;
 
 use embassy_net::driver::{Capabilities, Driver, HardwareAddress, LinkState, RxToken, TxToken};
-use embassy_time::{Duration, Instant as Moment};
+use embassy_time::{Duration, Instant as Moment, Timer};
 use flix_protocol::DEFAULT_PORT;
 use flix_protocol::session::HOLDER_SILENCE;
 use heapless::Deque;
+use smoltcp::wire::EthernetAddress;
 
-use crate::dhcp::{LONGEST_MESSAGE, Lease};
+pub use crate::claim::Rival;
+use crate::claim::{self, ARP_FRAME, Claim, Step};
+use crate::dhcp::{self, LONGEST_MESSAGE, Lease};
 use crate::icmp::{Icmp, LONGEST_ERROR};
 use crate::link::push_newest;
 
@@ -46,8 +53,6 @@ const ETHERTYPE_ARP: [u8; 2] = [0x08, 0x06];
 const PROTOCOL_UDP: u8 = 17;
 /// Offset and "more fragments" of an IPv4 header.
 const FRAGMENT: u16 = 0x3fff;
-/// Length of an Ethernet frame with an ARP packet.
-const ARP_FRAME: usize = ETHERNET_HEADER + 28;
 /// Ethernet and IPv4, lengths of their addresses, reply (RFC 826).
 const ARP_REPLY: [u8; 8] = [0, 1, 0x08, 0x00, 6, 4, 0, 2];
 
@@ -111,9 +116,33 @@ struct State {
     taken: usize,
     lease: Lease,
     icmp: Icmp,
+    claim: Claim,
+    /// The grant of an address that is probed, with its length.
+    grant: Option<(Written, usize)>,
+    /// The robot's own hardware address.
+    robot: EthernetAddress,
+    /// When the newest frame came in, or the link came up.
+    heard: Option<Moment>,
 }
 
 impl Guard {
+    /// Notes the robot's address, which is announced from now on, and the gateway, which is asked for as often.
+    pub fn has(&self, address: Option<Ipv4Addr>, gateway: Option<Ipv4Addr>) {
+        self.0.borrow_mut().claim.has(address, gateway, Moment::now());
+    }
+
+    /// Returns the time since the newest frame; `None` without an address or a gateway, where no machine is asked for an answer and
+    /// silence is no fault.
+    pub fn silence(&self) -> Option<core::time::Duration> {
+        let state = self.0.borrow();
+        state.heard.filter(|_| state.claim.asks()).map(|at| at.elapsed().into())
+    }
+
+    /// Returns the machine that newly claims the robot's address, or had one that was granted, once.
+    pub fn rival(&self) -> Option<Rival> {
+        self.0.borrow_mut().claim.rival()
+    }
+
     /// Pins the sender of this datagram, which is authentic.
     pub fn confirm(&self, from: SocketAddr, datagram: &[u8]) {
         let mut state = self.0.borrow_mut();
@@ -204,6 +233,7 @@ impl State {
                 if let Some((_, taken)) = &mut self.held {
                     *taken += 1;
                 }
+                self.claim.hear(frame, self.robot, Moment::now());
                 let sender = arp_sender(frame);
                 match sender.filter(|(address, hardware)| !self.is_elsewhere(*address, hardware)) {
                     Some(_) => frame,
@@ -216,12 +246,52 @@ impl State {
                 }
                 self.note_sender(frame);
                 match self.lease.admits(frame, written) {
+                    Some(length) if self.waits(written, length) => &mut [],
                     Some(length) => &mut written[..length],
                     None => frame,
                 }
             }
             _ => frame,
         }
+    }
+
+    /// Keeps a message to the stack that grants a new address until that was probed. Returns whether it does.
+    fn waits(&mut self, written: &Written, length: usize) -> bool {
+        let granted = dhcp::granted(&written[..length]);
+        let waits = granted.is_some_and(|address| self.claim.probe(address, Moment::now()));
+        if waits {
+            self.grant = Some((*written, length));
+        }
+        waits
+    }
+
+    /// Does what is due for the robot's address. Returns a frame for the network with its length, 0 for none, and whether the grant, or
+    /// its refusal, is for the stack now.
+    fn claim(&mut self, now: Moment) -> (Written, usize, bool) {
+        let mut out = [0; LONGEST_MESSAGE];
+        let mut ask = |own, asked| {
+            out[..ARP_FRAME].copy_from_slice(&claim::request(self.robot, own, asked));
+            ARP_FRAME
+        };
+        let (length, is_given) = match self.claim.step(now) {
+            Some(Step::Probe(address)) => (ask(Ipv4Addr::UNSPECIFIED, address), false),
+            Some(Step::Announce(address)) => (ask(address, address), false),
+            Some(Step::Ask(own, gateway)) => (ask(own, gateway), false),
+            Some(Step::Take) => (0, self.grant.is_some()),
+            Some(Step::Decline) => (self.decline(&mut out).unwrap_or(0), self.grant.is_some()),
+            None => (0, false),
+        };
+        (out, length, is_given)
+    }
+
+    /// Writes the message that declines the grant, and puts its refusal in its place. Returns the message's length.
+    fn decline(&mut self, out: &mut Written) -> Option<usize> {
+        let (grant, length) = self.grant.take()?;
+        let mut refusal = [0; LONGEST_MESSAGE];
+        let places = [out, &mut refusal];
+        let [sent, given] = dhcp::decline(&grant[..length], self.robot, places)?;
+        self.grant = Some((refusal, given));
+        Some(sent)
     }
 
     /// Notes who sent a datagram to the robot's port, if one is in this frame.
@@ -290,6 +360,25 @@ impl<D: Driver> Guarded<D> {
         Self { driver, guard, is_up: false }
     }
 
+    /// Does what is due for the robot's address. Returns whether a grant, or its refusal, is for the stack now.
+    fn claim(&mut self, cx: &mut Context<'_>) -> bool {
+        let now = Moment::now();
+        if let HardwareAddress::Ethernet(own) = self.driver.hardware_address() {
+            self.guard.0.borrow_mut().robot = EthernetAddress(own);
+        }
+        while self.guard.0.borrow().claim.due().is_some_and(|due| due <= now) {
+            let Some(token) = self.driver.transmit(cx) else { return false };
+            let (frame, length, is_given) = self.guard.0.borrow_mut().claim(now);
+            if length > 0 {
+                token.consume(length, |place| place.copy_from_slice(&frame[..length]));
+            }
+            if is_given {
+                return true;
+            }
+        }
+        false
+    }
+
     fn report(&self) -> Option<(Neighbour, Hardware)> {
         let HardwareAddress::Ethernet(own) = self.driver.hardware_address() else { return None };
         self.guard.0.borrow().report().map(|neighbour| (neighbour, own))
@@ -307,12 +396,23 @@ impl<D: Driver> Driver for Guarded<D> {
         Self: 'a;
 
     fn receive(&mut self, cx: &mut Context<'_>) -> Option<(Self::RxToken<'_>, Self::TxToken<'_>)> {
+        if self.is_up && self.claim(cx) {
+            let transmit = self.driver.transmit(cx)?;
+            return Some((Received::Grant(self.guard), Sent(transmit, self.guard)));
+        }
         if let Some((neighbour, own)) = self.report() {
             let transmit = self.driver.transmit(cx)?;
             self.guard.0.borrow_mut().reported(neighbour);
             return Some((Received::Report(neighbour.reply(own)), Sent(transmit, self.guard)));
         }
-        let (receive, transmit) = self.driver.receive(cx)?;
+        let Some((receive, transmit)) = self.driver.receive(cx) else {
+            if let Some(due) = self.guard.0.borrow().claim.due() {
+                // Polled once, so that the stack gets its next turn by then.
+                let _ = pin!(Timer::at(due)).poll(cx);
+            }
+            return None;
+        };
+        self.guard.0.borrow_mut().heard = Some(Moment::now());
         Some((Received::Frame(receive, self.guard), Sent(transmit, self.guard)))
     }
 
@@ -328,7 +428,9 @@ impl<D: Driver> Driver for Guarded<D> {
         let is_up = state == LinkState::Up;
         if is_up && !self.is_up {
             // It may be another network.
-            self.guard.0.borrow_mut().lease = Lease::default();
+            let mut state = self.guard.0.borrow_mut();
+            (state.lease, state.grant) = (Lease::default(), None);
+            state.heard = Some(Moment::now());
             // What was held back is sent in the stack's next turn.
             cx.waker().wake_by_ref();
         }
@@ -369,6 +471,8 @@ pub enum Received<R> {
     Frame(R, &'static Guard),
     /// An ARP reply made here.
     Report([u8; ARP_FRAME]),
+    /// The grant of an address that was probed, or its refusal.
+    Grant(&'static Guard),
 }
 
 impl<R: RxToken> RxToken for Received<R> {
@@ -380,6 +484,11 @@ impl<R: RxToken> RxToken for Received<R> {
                 take(seen)
             }),
             Self::Report(mut frame) => take(&mut frame),
+            Self::Grant(guard) => {
+                let grant = guard.0.borrow_mut().grant.take();
+                let (mut frame, length) = grant.unwrap_or(([0; LONGEST_MESSAGE], 0));
+                take(&mut frame[..length])
+            }
         }
     }
 }

@@ -11,8 +11,8 @@
 //! - A socket that has been full for [`STALL`] waits for an address that does not answer, and is
 //!   emptied.
 //! - mDNS is answered on the robot's own network alone, at most every [`DISCOVERY_INTERVAL`] and with at
-//!   most [`AMPLIFICATION`](crate::mdns::AMPLIFICATION) times the bytes of the question; the robot announces itself
-//!   whenever it gets an address.
+//!   most [`AMPLIFICATION`](crate::mdns::AMPLIFICATION) times the bytes of the question; the robot probes for its names and announces
+//!   itself whenever it gets an address. Another robot of the same name is reported.
 
 use core::net::{Ipv4Addr, SocketAddr};
 use core::task::Poll;
@@ -42,8 +42,14 @@ pub const SOCKETS: usize = 3;
 const BURST: usize = 16;
 /// Longer than any datagram that Ethernet carries, so that too long ones arrive and are counted.
 const RECEIVE_LENGTH: usize = 1536;
-/// The announcement is repeated once after a second (RFC 6762, section 8.3).
-const ANNOUNCEMENT_REPEAT: Duration = Duration::from_secs(1);
+/// Probes before the first announcement, and the time after each (RFC 6762, section 8.1).
+const PROBES: u8 = 3;
+const PROBE_INTERVAL: Duration = Duration::from_millis(250);
+/// Announcements, and the time after each (RFC 6762, section 8.3).
+const ANNOUNCEMENTS: u8 = 2;
+const ANNOUNCEMENT_INTERVAL: Duration = Duration::from_secs(1);
+/// Shortest time between two reports of another robot of the same name.
+const TWIN_INTERVAL: Duration = Duration::from_secs(60);
 /// Hop limit of mDNS (RFC 6762, section 11).
 const DISCOVERY_HOP_LIMIT: u8 = 255;
 
@@ -77,6 +83,8 @@ pub trait Station {
     fn transmit(&mut self, frame: &mut Frame) -> Option<SocketAddr>;
     /// Returns when there will be something to transmit.
     fn poll_at(&self) -> Option<Instant>;
+    /// Takes the address of another robot that has the same name.
+    fn meet_twin(&mut self, _address: Ipv4Addr) {}
 }
 
 /// Serves operators on [`DEFAULT_PORT`] for ever. `name` is what the robot is found under.
@@ -115,7 +123,10 @@ pub async fn serve(stack: Stack<'_>, guard: &Guard, name: &str, station: &mut im
             guard.release();
         }
         flush(station, stack, &mut session, &mut frame).await;
-        discovery.serve(&mut buffer);
+        if let Some(twin) = discovery.serve(&mut buffer) {
+            station.meet_twin(twin);
+        }
+        guard.has(discovery.address, discovery.gateway);
         yield_now().await;
     }
 }
@@ -215,8 +226,12 @@ struct Discovery<'a> {
     responder: Responder,
     outlet: Outlet<'a>,
     address: Option<Ipv4Addr>,
-    announce_again: Option<Moment>,
+    gateway: Option<Ipv4Addr>,
+    /// Probes and announcements of this address, and when the next is due.
+    introduced: u8,
+    introduce_at: Moment,
     quiet_until: Moment,
+    twin_at: Option<Moment>,
 }
 
 impl<'a> Discovery<'a> {
@@ -227,14 +242,19 @@ impl<'a> Discovery<'a> {
             responder,
             outlet: Outlet::open(socket, mdns::PORT),
             address: None,
-            announce_again: None,
+            gateway: None,
+            introduced: 0,
+            introduce_at: Moment::from_ticks(0),
             quiet_until: Moment::from_ticks(0),
+            twin_at: None,
         }
     }
 
-    fn serve(&mut self, query: &mut [u8; RECEIVE_LENGTH]) {
+    /// Returns the address of another robot of the same name, when that is to be reported.
+    fn serve(&mut self, query: &mut [u8; RECEIVE_LENGTH]) -> Option<Ipv4Addr> {
         // A fixed address stays while the link is gone.
         let network = self.stack.config_v4().filter(|_| self.stack.is_link_up());
+        self.gateway = network.as_ref().and_then(|config| config.gateway);
         let network = network.map(|config| config.address);
         let address = network.map(|network| network.address());
         let is_new = address != self.address;
@@ -247,27 +267,38 @@ impl<'a> Discovery<'a> {
             Some(_) if !is_new => self.stack.join_multicast_group(mdns::GROUP),
             _ => self.stack.leave_multicast_group(mdns::GROUP),
         };
-        let Some(address) = address else { return };
+        let address = address?;
         if is_new {
-            self.announce(address);
-            self.announce_again = Some(Moment::now() + ANNOUNCEMENT_REPEAT);
-        } else if self.announce_again.is_some_and(|at| Moment::now() >= at) {
-            self.announce(address);
-            self.announce_again = None;
+            (self.introduced, self.introduce_at) = (0, Moment::now());
         }
-        if let Some((from, length)) = received
-            && Moment::now() >= self.quiet_until
-            && is_on_link(network, from)
-        {
-            self.answer(address, from, &query[..length]);
+        if self.introduced < PROBES + ANNOUNCEMENTS && Moment::now() >= self.introduce_at {
+            self.introduce(address);
         }
+        let (from, length) = received.filter(|(from, _)| is_on_link(network, *from))?;
+        let datagram = &query[..length];
+        if Moment::now() >= self.quiet_until {
+            self.answer(address, from, datagram);
+        }
+        let is_recent = |at: Moment| at.elapsed() < TWIN_INTERVAL;
+        let twin =
+            self.responder.twin(address, datagram).filter(|_| !self.twin_at.is_some_and(is_recent));
+        self.twin_at = twin.map(|_| Moment::now()).or(self.twin_at);
+        twin
     }
 
-    fn announce(&mut self, address: Ipv4Addr) {
-        let mut answer = [0; ANSWER_LENGTH];
-        if let Some(length) = self.responder.announcement(address, &mut answer) {
+    /// Sends the next probe, or the next announcement.
+    fn introduce(&mut self, address: Ipv4Addr) {
+        let mut datagram = [0; ANSWER_LENGTH];
+        let (length, wait) = if self.introduced < PROBES {
+            (self.responder.probe(address, &mut datagram), PROBE_INTERVAL)
+        } else {
+            (self.responder.announcement(address, &mut datagram), ANNOUNCEMENT_INTERVAL)
+        };
+        self.introduced += 1;
+        self.introduce_at = Moment::now() + wait;
+        if let Some(length) = length {
             let everybody = SocketAddr::from((mdns::GROUP, mdns::PORT));
-            self.outlet.send(&answer[..length], everybody);
+            self.outlet.send(&datagram[..length], everybody);
         }
     }
 

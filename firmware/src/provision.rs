@@ -6,11 +6,12 @@
 //! Name, network and operators have a store of their own, beside that of the settings: damaged settings
 //! leave the robot in the hands of its owner, who then sees the fault.
 
-use core::fmt;
+use core::fmt::{self, Write};
 
-use flix_protocol::message::{Identity, ResetReason, State};
+use flix_protocol::message::{Identity, Name, ResetReason, State};
 use flix_protocol::provision::{
-    Answer, FrameReader, MAXIMUM_FRAME, ProvisionRefusal, Provisioning, Request, write_frame,
+    Answer, FrameReader, MAXIMUM_FRAME, NetworkState, ProvisionRefusal, Provisioning, Request,
+    write_frame,
 };
 use flix_protocol::session::{Operator, Operators};
 use heapless::Vec;
@@ -18,7 +19,6 @@ use zeroize::Zeroizing;
 
 use crate::hardware::{Hardware, SettingsStore};
 use crate::link::identity;
-use crate::robot::UNNAMED;
 use crate::stored::{self, LoadError, SaveError};
 
 /// Most bytes that the stored form takes in a [`SettingsStore`].
@@ -29,6 +29,23 @@ const FORMAT_VERSION: u16 = 2;
 
 /// Name and network of a robot, and who may command it.
 type Owned = (Provisioning, Operators);
+
+/// Returns the name of a robot that was given none: `walker-` and the last four digits of its hardware address.
+fn factory_name([.., fifth, sixth]: [u8; 6]) -> Name {
+    let mut name = Name::new();
+    // 11 letters.
+    let _ = write!(name, "walker-{fifth:02x}{sixth:02x}");
+    name
+}
+
+/// The robot's radio, as the serial cable sees it.
+pub trait Radio {
+    /// Returns how far the robot is on its way onto its network.
+    fn network(&self) -> NetworkState;
+
+    /// Answers [`Request::Scan`].
+    fn scan(&self, number: u8, from: u8) -> Answer;
+}
 
 /// What to do after a request.
 #[derive(Debug)]
@@ -43,6 +60,7 @@ pub struct Response {
 pub struct Provisioner<S> {
     store: S,
     hardware: Hardware,
+    factory_name: Name,
     reset: ResetReason,
     owned: Option<Owned>,
     loaded: Result<(), LoadError>,
@@ -51,14 +69,15 @@ pub struct Provisioner<S> {
 
 impl<S: SettingsStore> Provisioner<S> {
     /// Reads what is stored. When that cannot be trusted the robot is not provisioned, and
-    /// [`Provisioner::loaded`] says why.
-    pub fn new(mut store: S, hardware: Hardware) -> Self {
+    /// [`Provisioner::loaded`] says why. `address` is the chip's hardware address, which names a robot without a name.
+    pub fn new(mut store: S, hardware: Hardware, address: [u8; 6]) -> Self {
         let (owned, loaded) = match load(&mut store) {
             Ok(owned) => (owned, Ok(())),
             Err(error) => (None, Err(error)),
         };
         let (reset, reader) = (ResetReason::PowerOn, FrameReader::new());
-        Self { store, hardware, reset, owned, loaded, reader }
+        let factory_name = factory_name(address);
+        Self { store, hardware, factory_name, reset, owned, loaded, reader }
     }
 
     /// Notes why the robot last started, for [`Request::Identify`].
@@ -86,15 +105,15 @@ impl<S: SettingsStore> Provisioner<S> {
         self.owned.as_ref().map_or_else(Operators::default, |(_, operators)| operators.clone())
     }
 
-    /// Returns the robot's name, or a default while it has none.
+    /// Returns the robot's name: as it was provisioned, else `walker-` and the last four digits of the hardware address.
     #[must_use]
     pub fn name(&self) -> &str {
-        self.provisioning().map_or(UNNAMED, Provisioning::name)
+        self.provisioning().map_or(&self.factory_name, Provisioning::name)
     }
 
     /// Takes the next byte of the serial port; responds when a request ends with it. `state` is
-    /// where the supervisor stands: nothing changes while the motors turn. Never panics.
-    pub fn receive(&mut self, byte: u8, state: State) -> Option<Response> {
+    /// where the supervisor stands: nothing changes, and the radio does not listen, while the motors turn. Never panics.
+    pub fn receive(&mut self, byte: u8, state: State, radio: &impl Radio) -> Option<Response> {
         match self.reader.push(byte)? {
             Request::Identify => respond(&Answer::Identity {
                 identity: Identity {
@@ -123,6 +142,10 @@ impl<S: SettingsStore> Provisioner<S> {
                 respond(&Answer::Proof(prover.map(|operator| operator.key().prove(&challenge))))
             }
             Request::Operators => respond(&Answer::Operators(self.operators().names())),
+            Request::Network if self.owned.is_some() => respond(&Answer::Network(radio.network())),
+            Request::Network => refuse(ProvisionRefusal::Unprovisioned),
+            Request::Scan { .. } if !state.is_idle() => refuse(ProvisionRefusal::Driving),
+            Request::Scan { number, from } => respond(&radio.scan(number, from)),
             Request::Add(operator) => match self.owned.clone() {
                 Some((provisioning, operators)) => {
                     self.add(provisioning, operators, operator, state)
@@ -239,6 +262,8 @@ mod tests {
     use flix_protocol::session::Key;
     use std::format;
 
+    const ADDRESS: [u8; 6] = [0xf4, 0x12, 0xfa, 0x00, 0x0a, 0xb3];
+
     #[derive(Default)]
     struct Memory {
         bytes: Option<std::vec::Vec<u8>>,
@@ -278,6 +303,19 @@ mod tests {
 
     const KEY: [u8; 32] = *b"a key which nobody else may know";
     const OTHER_KEY: [u8; 32] = *b"ONE KEY MORE, GIVEN TO AN OTHER.";
+    const NETWORK: NetworkState = NetworkState::NoAddress { seconds: 7 };
+
+    struct Listening;
+
+    impl Radio for Listening {
+        fn network(&self) -> NetworkState {
+            NETWORK
+        }
+
+        fn scan(&self, _number: u8, _from: u8) -> Answer {
+            Answer::Networks(None)
+        }
+    }
 
     fn mine() -> Provisioning {
         Provisioning::new("daisy", "workshop", "correct horse", None).unwrap()
@@ -292,7 +330,7 @@ mod tests {
     }
 
     fn robot(memory: &mut Memory) -> Provisioner<&mut Memory> {
-        Provisioner::new(memory, DENGFOC_V3_01.hardware)
+        Provisioner::new(memory, DENGFOC_V3_01.hardware, ADDRESS)
     }
 
     /// Sends bytes to the robot and reads its answers as the computer would.
@@ -303,7 +341,7 @@ mod tests {
     ) -> std::vec::Vec<Answer> {
         let mut reader = FrameReader::new();
         let responses: std::vec::Vec<_> =
-            bytes.iter().filter_map(|byte| robot.receive(*byte, state)).collect();
+            bytes.iter().filter_map(|byte| robot.receive(*byte, state, &Listening)).collect();
         let out = responses.iter().flat_map(|response| response.frame.iter());
         out.filter_map(|byte| reader.push(*byte)).collect()
     }
@@ -351,6 +389,29 @@ mod tests {
     }
 
     #[test]
+    fn a_robot_with_a_network_states_how_far_it_is() {
+        let mut memory = Memory::default();
+        let before = ask(&mut robot(&mut memory), &Request::Network, State::Running);
+        provision(&mut memory);
+        let after = ask(&mut robot(&mut memory), &Request::Network, State::Running);
+        assert_eq!(before, Answer::Refused(ProvisionRefusal::Unprovisioned));
+        assert_eq!(after, Answer::Network(NETWORK));
+    }
+
+    #[test]
+    fn a_robot_listens_with_or_without_an_owner_while_no_motor_is_driven() {
+        let mut memory = Memory::default();
+        let scan = Request::Scan { number: 1, from: 0 };
+        for _ in 0..2 {
+            let idle = ask(&mut robot(&mut memory), &scan, State::Disarmed);
+            assert_eq!(idle, Answer::Networks(None));
+            let driven = ask(&mut robot(&mut memory), &scan, State::Running);
+            assert_eq!(driven, Answer::Refused(ProvisionRefusal::Driving));
+            provision(&mut memory);
+        }
+    }
+
+    #[test]
     fn a_robot_proves_the_key_that_it_has_in_every_state() {
         let mut memory = Memory::default();
         let request = Request::Prove([3; 16], Key::new(KEY).id());
@@ -359,6 +420,17 @@ mod tests {
         let after = ask(&mut robot(&mut memory), &request, State::Running);
         assert_eq!(before, Answer::Proof(None));
         assert_eq!(after, Answer::Proof(Some(Key::new(KEY).prove(&[3; 16]))));
+    }
+
+    #[test]
+    fn a_robot_that_was_given_no_name_is_called_by_its_hardware_address() {
+        let mut memory = Memory::default();
+        assert_eq!(robot(&mut memory).name(), "walker-0ab3");
+        provision(&mut memory);
+        let mut robot = robot(&mut memory);
+        assert_eq!(robot.name(), mine().name());
+        ask(&mut robot, &Request::Forget, State::Disarmed);
+        assert_eq!(robot.name(), "walker-0ab3");
     }
 
     #[test]
@@ -384,7 +456,7 @@ mod tests {
             Request::Add(operator("bob", OTHER_KEY)),
         ] {
             for byte in write_frame(&request).unwrap().iter() {
-                if let Some(response) = robot.receive(*byte, State::Disarmed) {
+                if let Some(response) = robot.receive(*byte, State::Disarmed, &Listening) {
                     out.extend_from_slice(&response.frame);
                 }
             }
@@ -432,7 +504,8 @@ mod tests {
             memory.writes = 0;
             let mut robot = robot(&mut memory);
             let frame = write_frame(&request).unwrap();
-            let responses = frame.iter().filter_map(|it| robot.receive(*it, State::Disarmed));
+            let responses =
+                frame.iter().filter_map(|it| robot.receive(*it, State::Disarmed, &Listening));
             let changed: std::vec::Vec<_> = responses.map(|response| response.changed).collect();
             // It is the same robot as before, and does not start anew.
             assert_eq!((changed, memory.writes), (std::vec![false], 1), "{request:?}");

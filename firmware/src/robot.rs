@@ -32,9 +32,6 @@ use crate::stored::LoadError;
 /// What a robot without a key says at boot; the operator's program says the same.
 pub const UNPROVISIONED: &str = "this robot has no key yet and refuses the network; connect it by USB and run: flix provision --port PORT --ssid NETWORK";
 
-/// What a robot is called that nobody has named yet.
-pub const UNNAMED: &str = "flix-walker";
-
 /// Ticks between two reports to the slow half: 1 ms, far below every deadline.
 const REPORT_INTERVAL: u8 = 10;
 
@@ -193,7 +190,7 @@ impl<S: SettingsStore> SlowHalf<S> {
             self.alignments = report.alignments;
             self.tuning.learn(report.alignment);
         }
-        if report.state.is_idle() && self.tuning.save_learnt() == Ok(true) {
+        if self.link.may_write() && self.tuning.save_learnt() == Ok(true) {
             self.link.add_event(report.time, Event::SettingsSaved);
         }
         learnt

@@ -85,7 +85,7 @@ macro_rules! settings {
         }
 
         /// All settings, in the order in which they are listed: those of each motor first.
-        pub static TABLE: &[Setting] = &[
+        pub static TABLE: [Setting; COUNT] = [
             $(
                 settings!(@entry concat!("top_", stringify!($each)), $each_unit, $each_kind, $each_minimum, $each_maximum, $each_default, concat!("Top motor: ", $each_description), $each[0]),
                 settings!(@entry concat!("bottom_", stringify!($each)), $each_unit, $each_kind, $each_minimum, $each_maximum, $each_default, concat!("Bottom motor: ", $each_description), $each[1]),

@@ -101,6 +101,7 @@ impl Ends {
         self.report.time = self.now;
         let Asked { number, stops, halts, .. } = *self.asked();
         (self.report.obeyed, self.report.stops, self.report.halts) = (number, stops, halts);
+        self.report.rests = true;
         change(&mut self.report);
         self.slow.link.observe(&self.report);
     }
@@ -361,12 +362,15 @@ fn a_stop_from_outside_halts_once_and_is_answered_until_at_rest() {
     let bob = Operator::new("bob".parse().unwrap(), &Key::new([0xb0; 32]));
     let mut operators = Operators::from(key());
     operators.add(bob.clone()).unwrap();
-    for (stopped, state, order, status) in [
-        (false, State::Disarmed, None, StopStatus::Latched),
-        (true, State::Stopping, None, StopStatus::Latched),
-        (true, State::Disarmed, None, StopStatus::AtRest),
+    for (stopped, state, rests, order, status) in [
+        (false, State::Disarmed, true, None, StopStatus::Latched),
+        (true, State::Stopping, true, None, StopStatus::Latched),
+        (true, State::Disarmed, true, None, StopStatus::AtRest),
+        // Rotors that brake after a fault still turn.
+        (true, State::Faulted, false, None, StopStatus::Latched),
+        (true, State::Faulted, true, None, StopStatus::AtRest),
         // The fast half may have obeyed this order since its last report.
-        (true, State::Disarmed, Some(Order::Clear(UNKNOWN)), StopStatus::Latched),
+        (true, State::Disarmed, true, Some(Order::Clear(UNKNOWN)), StopStatus::Latched),
     ] {
         let mut ends = at(state);
         ends.slow.link.set_operators(operators.clone());
@@ -376,7 +380,9 @@ fn a_stop_from_outside_halts_once_and_is_answered_until_at_rest() {
         // Hello, the first Stop, and again once the robot has obeyed or not.
         for turn in 0..3 {
             if turn == 2 {
-                ends.observe(|report| (report.stopped, report.state) = (stopped, state));
+                ends.observe(|report| {
+                    (report.stopped, report.state, report.rests) = (stopped, state, rests);
+                });
                 order.into_iter().for_each(|order| ends.give(order));
                 ends.now = ends.now + STOP_RETRY;
             }
@@ -392,6 +398,19 @@ fn a_stop_from_outside_halts_once_and_is_answered_until_at_rest() {
         // The first who stops is named.
         ends.give(Order::Stop);
         assert_eq!(ends.told().stopped_by, stopped.then(|| bob.name()));
+    }
+}
+
+#[test]
+fn settings_are_saved_only_once_the_rotors_rest() {
+    let save = Command::Parameter(ParameterCommand::Save);
+    for state in [State::Disarmed, State::Faulted] {
+        let mut ends = at(state);
+        ends.observe(|report| report.rests = false);
+        let refused = Outcome::Refused(Refusal::State(State::Stopping));
+        assert_eq!(ends.say(save.clone()), refused, "{state}");
+        ends.observe(|_| {});
+        assert_eq!(ends.say(save.clone()), Outcome::Done, "{state}");
     }
 }
 
@@ -432,9 +451,9 @@ fn a_latched_stop_is_stated_with_its_operator_and_its_moment() {
     let mut ends = at(State::Running);
     let shown = |ends: &mut Ends, stopped| {
         ends.observe(|report| report.stopped = stopped);
-        let Telemetry { stopped_by, stopped_at, .. } = ends.told();
-        assert_eq!(stopped_by, stopped_at.map(|_| OperatorName::OWNER));
-        stopped_at
+        let Telemetry { stopped_by, latched_at, .. } = ends.told();
+        assert_eq!(stopped_by, latched_at.map(|_| OperatorName::OWNER));
+        latched_at
     };
     assert_eq!(shown(&mut ends, false), None);
     for _ in 0..2 {
@@ -448,6 +467,22 @@ fn a_latched_stop_is_stated_with_its_operator_and_its_moment() {
         ends.give(Order::Clear(ends.permit()));
     }
     assert_eq!(shown(&mut ends, false), None, "cleared");
+}
+
+#[test]
+fn a_latched_fault_is_stated_with_its_moment() {
+    let mut ends = at(State::Running);
+    for (faults, is_new) in [
+        (Faults::NONE.with(Fault::Stall), true),
+        (Faults::NONE.with(Fault::Stall), false),
+        (Faults::NONE.with(Fault::Stall).with(Fault::UnderVoltage), true),
+    ] {
+        ends.wait(MILLISECOND);
+        let last = ends.told().latched_at;
+        ends.observe(|report| report.faults = faults);
+        let now = ends.now;
+        assert_eq!(ends.told().latched_at, if is_new { Some(now) } else { last });
+    }
 }
 
 #[test]
@@ -870,6 +905,27 @@ fn each_trouble_with_a_magnet_is_an_event_once_for_each_motor() {
         assert_eq!(shown([magnet, magnet]), [event(1, magnet)], "one on the border comes and goes");
         assert_eq!(shown([magnet, Magnet::Good]), []);
     }
+}
+
+#[test]
+fn telemetry_states_the_worst_that_an_encoder_said_of_its_magnet_within_5_s() {
+    let mut ends = connected();
+    let mut shown = |ms: u64, magnet: Magnet| {
+        for _ in 0..ms / 100 {
+            ends.wait(Duration::from_millis(100));
+            ends.repeat();
+        }
+        ends.observe(|report| report.encoders[1].magnet = magnet);
+        ends.told().encoders.map(|it| it.magnet)
+    };
+    let good = Magnet::Good;
+    assert_eq!(shown(100, good), [good; 2]);
+    assert_eq!(shown(100, Magnet::Strong), [good, Magnet::Strong]);
+    assert_eq!(shown(4_500, good), [good, Magnet::Strong]);
+    assert_eq!(shown(100, Magnet::Missing), [good, Magnet::Missing]);
+    assert_eq!(shown(1_000, Magnet::Strong), [good, Magnet::Missing]);
+    assert_eq!(shown(4_500, good), [good, Magnet::Strong]);
+    assert_eq!(shown(1_000, good), [good; 2]);
 }
 
 #[test]

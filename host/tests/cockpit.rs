@@ -43,7 +43,7 @@ impl Room {
             now,
             client: Client::new(key(), [9; 32], now),
             robot: FakeRobot::new(Some(key())),
-            cockpit: Cockpit::new("walker-1", now),
+            cockpit: Cockpit::new("walker-3f2c", now),
             pages: Pages::default(),
             lively: Vec::new(),
             answered: now,
@@ -393,6 +393,18 @@ fn a_snapshot_explains_a_fault_and_states_who_drives() {
     assert_eq!((&seen["driver"], &seen["telemetry"]["state"]), (&1.into(), &"faulted".into()));
     let help = seen["telemetry"]["faults"][0]["help"].as_str().unwrap();
     assert!(help.contains("free the rotor"), "{help}");
+}
+
+#[test]
+fn a_page_that_watches_is_told_whether_another_one_drives() {
+    let mut room = Room::new();
+    room.open(BOB);
+    room.act(BOB, Action::Arm);
+    assert!(room.log().contains("another page drives"), "{}", room.log());
+    let now = room.now;
+    room.pages.close(ANNA, &mut room.cockpit, &mut room.client, now);
+    room.act(BOB, Action::Arm);
+    assert!(room.log().contains("no page drives: take over first"), "{}", room.log());
 }
 
 #[test]

@@ -614,6 +614,21 @@ fn a_person_who_wants_the_same_again_is_heard_at_once_and_a_program_that_holds_i
 }
 
 #[test]
+fn a_walk_or_a_rest_behind_a_disarm_that_is_lost_undoes_no_disarm() {
+    for wish in [setpoint(20.0, 0.0), Setpoint::REST] {
+        let mut world = World::walking();
+        world.is_cut = true;
+        world.client.disarm(world.now);
+        world.run(Duration::from_millis(30));
+        let refused = (wish != Setpoint::REST).then_some(NotTaken::Disarming);
+        assert_eq!(world.client.press(world.now, Wish::Shake(wish)).err(), refused);
+        world.is_cut = false;
+        world.run(Duration::from_millis(200));
+        assert_eq!(world.robot.state, State::Disarmed);
+    }
+}
+
+#[test]
 fn a_robot_that_halted_while_it_was_armed_walks_after_enter() {
     let mut world = World::armed();
     world.robot.halt();
@@ -790,6 +805,13 @@ fn nobody_there_is_reported_as_no_answer() {
     world.is_cut = true;
     world.run(Duration::from_secs(4));
     assert!(world.updates.contains(&Update::Failed(ConnectError::NoAnswer)));
+    // It tries again when that is asked of it, and not before.
+    world.is_cut = false;
+    world.run(Duration::from_secs(10));
+    assert!(!world.client.is_connected(world.now));
+    world.client.connect(world.now);
+    world.run(Duration::from_millis(600));
+    assert!(world.client.is_connected(world.now));
 }
 
 #[test]

@@ -15,7 +15,7 @@
 //! | 8 Stopped | robot | 21 | at rest u8 (1 or 0), tag |
 //! | 9 Renewal | operator | 56 | session u32, counter u64, ciphertext 24, tag |
 //! | 9 Renewal | robot | 48 | session u32, counter u64, ciphertext 16, tag |
-//! | 10 Held | robot | 52 | client nonce 16, name of the holder 16, tag |
+//! | 10 Held | robot | 52 | client nonce 16, name of the holder 16 or zeros where its key is that of the asker, tag |
 //!
 //! What the operator seals begins with its echo ([`ECHO_LENGTH`] bytes): how many of the robot's
 //! sealed datagrams of the session the operator had seen up to the newest, 0 for the Accept alone.
@@ -92,6 +92,8 @@ const STOPPED: u8 = 8;
 /// Kind of a sealed datagram that renews the keys of its session.
 pub const RENEWAL: u8 = 9;
 const HELD: u8 = 10;
+/// A holder whose name is not stated: no name is all zeros.
+const UNNAMED: [u8; OPERATOR_NAME_LENGTH] = [0; OPERATOR_NAME_LENGTH];
 
 const VERSION_LENGTH: usize = 2 + 8;
 
@@ -273,12 +275,12 @@ pub enum Datagram<'a> {
         /// Tag over `signed` and both nonces.
         tag: Tag,
     },
-    /// The robot refuses a session because another operator holds it.
+    /// The robot refuses a session because somebody else holds it.
     Held {
         /// The nonce of the Hello or Confirm that is refused.
         client_nonce: Nonce,
-        /// Who holds it.
-        holder: OperatorName,
+        /// Who holds it; `None` where that is another program with the key of the asker.
+        holder: Option<OperatorName>,
         /// All bytes that the tag covers.
         signed: &'a [u8],
         /// Tag over `signed`.
@@ -345,7 +347,10 @@ impl<'a> Datagram<'a> {
             STOPPED => Self::Stopped { at_rest: fields.bool()?, signed, tag },
             HELD => Self::Held {
                 client_nonce: fields.take()?,
-                holder: fields.take()?.try_into().ok()?,
+                holder: match fields.take()? {
+                    UNNAMED => None,
+                    name => Some(name.try_into().ok()?),
+                },
                 signed,
                 tag,
             },
@@ -468,10 +473,11 @@ pub(crate) fn stopped(at_rest: bool, sign: impl FnOnce(&[u8]) -> Tag) -> Handsha
 
 pub(crate) fn held(
     client_nonce: &Nonce,
-    holder: OperatorName,
+    holder: Option<OperatorName>,
     sign: impl FnOnce(&[u8]) -> Tag,
 ) -> HandshakeFrame {
-    handshake(HELD, &[client_nonce, holder.as_bytes()], sign)
+    let name = holder.as_ref().map_or(&UNNAMED, OperatorName::as_bytes);
+    handshake(HELD, &[client_nonce, name], sign)
 }
 
 /// Returns the header of a sealed datagram.

@@ -13,6 +13,7 @@
 //! | [`session`] | handshake, encryption, replay protection: who may command the robot |
 //! | [`provision`] | name, network and key of a robot, over its serial port |
 //! | [`network_key`] | the key of a WPA2 network, derived from its pass phrase in slices |
+//! | [`network_name`] | the name of a Wi-Fi network as bytes, and as text |
 //! | [`shaker`] | the two rotors' angles from phase and theta, and back |
 //!
 //! Everything is sans-IO: time, addresses and datagrams come in as arguments, and what to send is
@@ -72,6 +73,7 @@ pub mod failsafe;
 pub mod frame;
 pub mod message;
 pub mod network_key;
+pub mod network_name;
 pub mod provision;
 pub mod session;
 pub mod settings;

@@ -8,7 +8,7 @@
 //! All of it takes a small processor a second or so, so [`NetworkKey::advance`] does as many rounds as the caller has
 //! time for. The result is handed to a radio as 64 hexadecimal digits, from which it derives nothing more.
 
-use heapless::String;
+use heapless::{String, Vec};
 use hmac::{Hmac, KeyInit, Mac};
 use sha1::Sha1;
 use zeroize::{Zeroize, Zeroizing};
@@ -51,7 +51,7 @@ pub struct NetworkKey {
     rounds: u32,
     /// Number of the present block, from 1.
     block: u32,
-    network: String<NETWORK_LENGTH>,
+    network: Vec<u8, NETWORK_LENGTH>,
     key: [u8; BLOCK_BYTES * BLOCKS as usize],
 }
 
@@ -61,11 +61,11 @@ impl NetworkKey {
     /// # Panics
     /// Never: HMAC takes a key of any length.
     #[must_use]
-    pub fn new(network: &str, passphrase: &str) -> Self {
+    pub fn new(network: &[u8], passphrase: &str) -> Self {
         let mac =
             Hmac::new_from_slice(passphrase.as_bytes()).expect("HMAC takes a key of any length");
-        let mut name = String::new();
-        let _ = network.chars().try_for_each(|character| name.push(character));
+        let longest = network.len().min(NETWORK_LENGTH);
+        let name = Vec::from_slice(&network[..longest]).unwrap_or_default();
         let mut derivation = Self {
             mac,
             last: [0; BLOCK_BYTES],
@@ -80,7 +80,7 @@ impl NetworkKey {
     }
 
     fn begin_block(&mut self) {
-        let mac = self.mac.clone().chain_update(self.network.as_bytes());
+        let mac = self.mac.clone().chain_update(&self.network);
         self.last = mac.chain_update(self.block.to_be_bytes()).finalize().into_bytes().into();
         self.sum = self.last;
         self.rounds = 1;
@@ -144,6 +144,10 @@ mod tests {
     use std::string::ToString;
 
     fn derive(network: &str, passphrase: &str, slice: u32) -> std::string::String {
+        derive_bytes(network.as_bytes(), passphrase, slice)
+    }
+
+    fn derive_bytes(network: &[u8], passphrase: &str, slice: u32) -> std::string::String {
         let mut derivation = NetworkKey::new(network, passphrase);
         loop {
             if let Some(key) = derivation.advance(slice) {
@@ -177,6 +181,13 @@ mod tests {
     }
 
     #[test]
+    fn a_name_that_is_not_utf_8_has_a_key_of_its_own() {
+        // Python: hashlib.pbkdf2_hmac("sha1", b"password", b"caf\xe9", 4096, 32).
+        let key = "38932b16dd6adf8c322eee0c9c54a83497b16e566aff700495f046c5e5645ee8";
+        assert_eq!(derive_bytes(b"caf\xe9", "password", u32::MAX), key);
+    }
+
+    #[test]
     fn slices_of_any_size_give_the_same_key() {
         let whole = derive("lab", "a pass phrase", u32::MAX);
         for slice in [1, 7, 64, ROUNDS, ROUNDS + 1] {
@@ -186,7 +197,7 @@ mod tests {
 
     #[test]
     fn no_slice_does_more_rounds_than_it_is_given() {
-        let mut derivation = NetworkKey::new("lab", "a pass phrase");
+        let mut derivation = NetworkKey::new(b"lab", "a pass phrase");
         let slices = (1..).find(|_| derivation.advance(64).is_some());
         assert_eq!(slices, Some((ROUNDS * BLOCKS).div_ceil(64)));
     }

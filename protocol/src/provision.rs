@@ -17,23 +17,27 @@
 //! ([`Request::Prove`]) is given the identifier of the key alone ([`Request::Keep`]); every other device gets
 //! a new key.
 //!
+//! The robot starts anew with another network. [`Request::Network`] then asks how far it is: [`NetworkState`] states its address,
+//! or why it has none. [`Request::Scan`] asks, with or without a network, for the access points that it hears.
+//!
 //! A robot has up to [`MAXIMUM_OPERATORS`] operators, which [`Request::Keep`] keeps. With
 //! [`Request::Provision`] the robot has changed hands, and all former keys are erased.
 
 use core::fmt;
 
-use heapless::{String, Vec};
+use heapless::Vec;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use zeroize::{Zeroize, Zeroizing};
 
 use crate::frame::{KeyId, Nonce, Tag};
 use crate::message::{Identity, NAME_LENGTH, Name, OperatorName, is_label};
-use crate::network_key::{NETWORK_LENGTH, PASSWORD_LENGTH, is_key};
+use crate::network_key::{PASSWORD_LENGTH, is_key};
+use crate::network_name::{NetworkName, NetworkNameError};
 use crate::session::{AddError, MAXIMUM_OPERATORS, Operator};
 
 /// Version of these messages, incremented with every change. Both ends drop frames of another version.
-pub const PROVISION_VERSION: u8 = 4;
+pub const PROVISION_VERSION: u8 = 5;
 
 /// Baud rate of the robot's serial port, that of the chip's boot log. 8 data bits, no parity, one
 /// stop bit.
@@ -68,6 +72,15 @@ pub enum Request {
     /// As [`Request::Provision`], for the operator whose key has this identifier: it has this name from now on. Its key
     /// and the other operators stay.
     Keep(Provisioning, OperatorName, KeyId),
+    /// Report how far the robot is on its way onto its network.
+    Network,
+    /// Report the access points that the robot hears.
+    Scan {
+        /// Number of the scan, which the computer chooses: another number than before begins another scan.
+        number: u8,
+        /// Place in the list at which the answer begins.
+        from: u8,
+    },
 }
 
 /// Name and network of a robot. `Debug` does not show the password, which is wiped from memory when
@@ -75,7 +88,7 @@ pub enum Request {
 #[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Provisioning {
     name: Name,
-    network: String<NETWORK_LENGTH>,
+    network: NetworkName,
     password: Vec<u8, PASSWORD_LENGTH>,
     address: Option<FixedAddress>,
 }
@@ -99,9 +112,9 @@ pub enum ProvisioningError {
         "a robot's name is 1 to {LONGEST_LABEL} letters, digits and hyphens, and neither begins nor ends with a hyphen"
     )]
     Name,
-    /// The network's name is empty or longer than [`NETWORK_LENGTH`] bytes.
-    #[error("a network's name is 1 to {NETWORK_LENGTH} bytes long")]
-    Network,
+    /// The network's name.
+    #[error(transparent)]
+    Network(#[from] NetworkNameError),
     /// The password is not UTF-8, or neither empty (an open network) nor a pass phrase of 8 to 63 bytes nor a key of
     /// [`PASSWORD_LENGTH`] hexadecimal digits (IEEE 802.11, annex J.4).
     #[error(
@@ -150,13 +163,13 @@ impl Provisioning {
     /// When one of them cannot be used.
     pub fn new(
         name: &str,
-        network: &str,
+        network: impl AsRef<[u8]>,
         password: &str,
         address: Option<FixedAddress>,
     ) -> Result<Self, ProvisioningError> {
         let provisioning = Self {
             name: name.try_into().map_err(|_| ProvisioningError::Name)?,
-            network: network.try_into().map_err(|_| ProvisioningError::Network)?,
+            network: NetworkName::new(network.as_ref())?,
             password: Vec::from_slice(password.as_bytes())
                 .map_err(|_| ProvisioningError::Password)?,
             address,
@@ -172,9 +185,7 @@ impl Provisioning {
         if !is_name(&self.name) {
             return Err(ProvisioningError::Name);
         }
-        if self.network.is_empty() {
-            return Err(ProvisioningError::Network);
-        }
+        self.network.check()?;
         let password =
             core::str::from_utf8(&self.password).map_err(|_| ProvisioningError::Password)?;
         let is_phrase = (SHORTEST_PASSWORD..=LONGEST_PHRASE).contains(&password.len());
@@ -195,7 +206,7 @@ impl Provisioning {
 
     /// Returns the network to join (SSID).
     #[must_use]
-    pub fn network(&self) -> &str {
+    pub const fn network(&self) -> &NetworkName {
         &self.network
     }
 
@@ -246,6 +257,138 @@ pub enum Answer {
     Proof(Option<Tag>),
     /// To [`Request::Operators`]: their names.
     Operators(Vec<OperatorName, MAXIMUM_OPERATORS>),
+    /// To [`Request::Network`].
+    Network(NetworkState),
+    /// To [`Request::Scan`]; `None` while the robot listens.
+    Networks(Option<HeardNetworks>),
+}
+
+/// Access points in one [`Answer::Networks`] at most: as many as fit a frame.
+pub const HEARD_AT_ONCE: usize = 6;
+
+/// A part of the list of access points that a robot hears, the strongest first.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HeardNetworks {
+    /// Length of the whole list.
+    pub total: u8,
+    /// Place of the part in it, as the request named it.
+    pub from: u8,
+    /// The part.
+    pub networks: Vec<HeardNetwork, HEARD_AT_ONCE>,
+}
+
+/// An access point that a robot hears.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HeardNetwork {
+    /// Name of its network; empty where it is hidden.
+    pub name: NetworkName,
+    /// Its channel.
+    pub channel: u8,
+    /// Power at the robot, dBm.
+    pub dbm: i8,
+    /// How it keeps others out.
+    pub security: HeardSecurity,
+}
+
+/// How an access point keeps others out. `Display` and JSON have the same words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum HeardSecurity {
+    /// Not at all, or by a way that the radio's library does not have and takes for none, as WPA3 alone.
+    Open,
+    /// WEP.
+    Wep,
+    /// WPA.
+    Wpa,
+    /// WPA2, alone or beside WPA.
+    Wpa2,
+    /// WPA2 beside WPA3.
+    Wpa2Wpa3,
+    /// WPA3 alone.
+    Wpa3,
+    /// User names (802.1X).
+    Enterprise,
+    /// Another one.
+    Other,
+}
+
+impl fmt::Display for HeardSecurity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Open => "open or WPA3",
+            Self::Wep => "WEP",
+            Self::Wpa => "WPA",
+            Self::Wpa2 => "WPA2",
+            Self::Wpa2Wpa3 => "WPA2/WPA3",
+            Self::Wpa3 => "WPA3",
+            Self::Enterprise => "802.1X",
+            Self::Other => "other",
+        })
+    }
+}
+
+/// How far a robot is on its way onto its network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum NetworkState {
+    /// No try to connect has ended since the start, or since the connection was lost.
+    Joining,
+    /// The last try failed; the robot tries again.
+    Failed {
+        /// Why.
+        reason: JoinFailure,
+        /// Number of failed tries in a row.
+        tries: u32,
+    },
+    /// Connected, without an address.
+    NoAddress {
+        /// Time without one, s.
+        seconds: u32,
+    },
+    /// Connected, with this address.
+    Joined(NetworkAddress),
+}
+
+/// The robot's address on its network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NetworkAddress {
+    /// IPv4 address.
+    pub address: [u8; 4],
+    /// Length of the network part of the address, bits.
+    pub prefix_length: u8,
+    /// Whether it was provisioned; otherwise DHCP gave it.
+    pub is_fixed: bool,
+}
+
+impl fmt::Display for NetworkAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { address, prefix_length, is_fixed } = self;
+        let origin = if *is_fixed { "as provisioned" } else { "by DHCP" };
+        write!(f, "{}/{prefix_length} {origin}", core::net::Ipv4Addr::from(*address))
+    }
+}
+
+/// Why a robot could not connect to its network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+pub enum JoinFailure {
+    /// No access point of this name is in reach.
+    #[error("no network of this name at 2.4 GHz: 5 GHz is not received")]
+    Absent,
+    /// The access point refused the password, or did not answer the handshake.
+    #[error("the password is refused: is it right? WPA3 alone is not supported")]
+    Password,
+    /// The network offers no security that the robot has.
+    #[error(
+        "its security does not fit: an open network takes no password, every other one has to offer WPA2 with a password; WPA3 alone and user names (802.1X, WPA2 Enterprise, eduroam) are not supported"
+    )]
+    Security,
+    /// The access point has no room for another station.
+    #[error("the access point takes no more devices")]
+    Full,
+    /// The access point ended the try for another reason, which the robot's log states.
+    #[error("the access point refuses the robot")]
+    Refused,
+    /// The robot's radio does not start, or gives no result.
+    #[error("the robot's radio gives no result")]
+    Radio,
 }
 
 /// Why a robot refused a request.
@@ -275,6 +418,9 @@ pub enum ProvisionRefusal {
     /// No operator has a key with this identifier.
     #[error("the robot does not have your key any more: use --new-key")]
     Unknown,
+    /// The radio does not start, or does not listen.
+    #[error("the robot's radio gives no result: its log says why")]
+    Radio,
 }
 
 impl From<AddError> for ProvisionRefusal {
@@ -367,8 +513,8 @@ mod tests {
     fn longest() -> Provisioning {
         let (address, gateway) = ([192, 168, 255, 254], Some([192, 168, 255, 253]));
         let address = FixedAddress { address, prefix_length: 24, gateway };
-        let (name, network, password) = ["n".repeat(31), "w".repeat(32), "a".repeat(64)].into();
-        Provisioning::new(&name, &network, &password, Some(address)).unwrap()
+        let (name, password) = ("n".repeat(31), "a".repeat(64));
+        Provisioning::new(&name, [0xff; 32], &password, Some(address)).unwrap()
     }
 
     fn operator() -> Operator {
@@ -384,6 +530,16 @@ mod tests {
     fn the_longest_request_fits_a_frame_and_comes_back() {
         let request = Request::Provision(longest(), operator());
         assert_eq!(read::<Request>(&write_frame(&request).unwrap()), [request]);
+    }
+
+    #[test]
+    fn the_longest_list_of_networks_fits_a_frame_and_comes_back() {
+        let name = NetworkName::new(&[0xff; 32]).unwrap();
+        let security = HeardSecurity::Other;
+        let one = HeardNetwork { name, channel: 13, dbm: -100, security };
+        let networks = core::iter::repeat_n(one, HEARD_AT_ONCE).collect();
+        let answer = Answer::Networks(Some(HeardNetworks { total: u8::MAX, from: 0, networks }));
+        assert_eq!(read::<Answer>(&write_frame(&answer).unwrap()), [answer]);
     }
 
     #[test]
@@ -458,8 +614,9 @@ mod tests {
         for name in ["", "-a", "a-", "a.b", "ä", &Text::from("a").repeat(32)] {
             assert_eq!(refused(name, "lab", "password"), ProvisioningError::Name, "{name}");
         }
-        for network in ["", &"w".repeat(33)] {
-            assert_eq!(refused("walker", network, "password"), ProvisioningError::Network);
+        for network in ["", &"w".repeat(33), "w\0w"] {
+            let error = ProvisioningError::Network(NetworkNameError::Length);
+            assert_eq!(refused("walker", network, "password"), error);
         }
         for password in ["short", &"p".repeat(65)] {
             assert_eq!(refused("walker", "lab", password), ProvisioningError::Password);

@@ -18,8 +18,10 @@ use std::fmt::Write;
 use crate::ends::{Ends, OPERATOR, SECOND_OPERATOR, answer, key, telemetry, walk};
 use flix_protocol::frame::{HANDSHAKE_LENGTHS, MAXIMUM_MESSAGE};
 use flix_protocol::message::*;
+use flix_protocol::network_name::NetworkName;
 use flix_protocol::provision::{
-    Answer, FixedAddress, ProvisionRefusal, Provisioning, Request, write_frame,
+    Answer, FixedAddress, HeardNetwork, HeardNetworks, HeardSecurity, JoinFailure, NetworkAddress,
+    NetworkState, ProvisionRefusal, Provisioning, Request, write_frame,
 };
 use flix_protocol::session::{
     Operator, RobotReceived, RobotSession, SESSION_EXPIRY, SESSION_RENEWAL, StopSession,
@@ -382,7 +384,7 @@ fn running() -> ToOperator {
         },
         operator: operator("anna"),
         stopped_by: Some(operator("bob")),
-        stopped_at: Some(Instant::from_micros(3_000_000)),
+        latched_at: Some(Instant::from_micros(3_000_000)),
     })
 }
 
@@ -542,6 +544,8 @@ fn serial(golden: &mut Golden) {
             operator("anna"),
             key(0xA5).id(),
         ),
+        Request::Network,
+        Request::Scan { number: 7, from: 6 },
     ] {
         let name = match &request {
             Request::Identify => "identify",
@@ -555,9 +559,23 @@ fn serial(golden: &mut Golden) {
             Request::Add(_) => "add",
             Request::Revoke(_) => "revoke",
             Request::Keep(..) => "keep",
+            Request::Network => "network",
+            Request::Scan { .. } => "scan",
         };
         golden.raw(format!("serial/{name}"), &write_frame(&request).unwrap());
     }
+    let heard = |name: &[u8], dbm, security| HeardNetwork {
+        name: NetworkName::new(name).unwrap(),
+        channel: 11,
+        dbm,
+        security,
+    };
+    let networks = [
+        heard(b"lab", -42, HeardSecurity::Wpa2),
+        heard(b"caf\xe9", -78, HeardSecurity::Enterprise),
+    ];
+    let networks = networks.into_iter().collect();
+    let failed = |reason| Answer::Network(NetworkState::Failed { reason, tries: 3 });
     for answer in [
         Answer::Identity { identity, has_key: true },
         Answer::Done,
@@ -569,9 +587,25 @@ fn serial(golden: &mut Golden) {
         Answer::Refused(ProvisionRefusal::Taken),
         Answer::Refused(ProvisionRefusal::Last),
         Answer::Refused(ProvisionRefusal::Unknown),
+        Answer::Refused(ProvisionRefusal::Radio),
         Answer::Operators([operator("anna"), operator("bob")].into_iter().collect()),
         Answer::Proof(None),
         Answer::Proof(Some(key(0xA5).prove(&[0x5A; 16]))),
+        Answer::Network(NetworkState::Joining),
+        failed(JoinFailure::Absent),
+        failed(JoinFailure::Password),
+        failed(JoinFailure::Security),
+        failed(JoinFailure::Full),
+        failed(JoinFailure::Refused),
+        failed(JoinFailure::Radio),
+        Answer::Network(NetworkState::NoAddress { seconds: 300 }),
+        Answer::Network(NetworkState::Joined(NetworkAddress {
+            address: address.address,
+            prefix_length: address.prefix_length,
+            is_fixed: false,
+        })),
+        Answer::Networks(None),
+        Answer::Networks(Some(HeardNetworks { total: 2, from: 0, networks })),
     ] {
         let name = match &answer {
             Answer::Identity { .. } => "identity",
@@ -584,9 +618,23 @@ fn serial(golden: &mut Golden) {
             Answer::Refused(ProvisionRefusal::Taken) => "refused-taken",
             Answer::Refused(ProvisionRefusal::Last) => "refused-last",
             Answer::Refused(ProvisionRefusal::Unknown) => "refused-unknown",
+            Answer::Refused(ProvisionRefusal::Radio) => "refused-radio",
+            Answer::Networks(None) => "listening",
+            Answer::Networks(Some(_)) => "networks",
             Answer::Operators(_) => "operators",
             Answer::Proof(None) => "no-proof",
             Answer::Proof(Some(_)) => "proof",
+            Answer::Network(NetworkState::Joining) => "joining",
+            Answer::Network(NetworkState::NoAddress { .. }) => "no-address",
+            Answer::Network(NetworkState::Joined(_)) => "joined",
+            Answer::Network(NetworkState::Failed { reason, .. }) => match reason {
+                JoinFailure::Absent => "failed-absent",
+                JoinFailure::Password => "failed-password",
+                JoinFailure::Security => "failed-security",
+                JoinFailure::Full => "failed-full",
+                JoinFailure::Refused => "failed-refused",
+                JoinFailure::Radio => "failed-radio",
+            },
         };
         golden.raw(format!("serial/answer-{name}"), &write_frame(&answer).unwrap());
     }
@@ -715,9 +763,9 @@ fn a_question_is_what_reads_and_nothing_else() {
 #[test]
 fn telemetry_tells_whether_motors_are_driven_and_for_how_long_a_stop_is_latched() {
     let ToOperator::Telemetry(mut stated) = telemetry(5_000_000) else { panic!() };
-    assert_eq!(stated.stopped_for(), None);
-    stated.stopped_at = Some(Instant::from_micros(4_800_000));
-    assert_eq!(stated.stopped_for(), Some(std::time::Duration::from_millis(200)));
+    assert_eq!(stated.latched_for(), None);
+    stated.latched_at = Some(Instant::from_micros(4_800_000));
+    assert_eq!(stated.latched_for(), Some(std::time::Duration::from_millis(200)));
     let idle = |states: &[State]| states.iter().map(|it| it.is_idle()).collect::<Vec<_>>();
     assert_eq!(idle(&[State::Disarmed, State::Faulted]), [true; 2]);
     let driven = [State::Aligning, State::Armed, State::Running, State::Stopping];

@@ -146,7 +146,7 @@ fn a_second_operator_learns_who_holds_the_robot_from_the_robot_alone() {
     let (_, status) = connect(ends.now, &mut second, &mut ends.robot, SECOND_OPERATOR);
     // Meanwhile the first was silent for a second.
     assert_eq!(status, Status::Connected);
-    let busy = ConnectError::Busy(name(0)).to_string();
+    let busy = ConnectError::Busy(Some(name(0))).to_string();
     assert!(busy.contains("another operator holds the robot, anna"), "{busy}");
 }
 
@@ -163,7 +163,7 @@ fn a_robot_that_stays_held_is_reported_with_its_holder() {
             second.receive(ends.now, &answer(received, hello.len()).unwrap());
         }
     }
-    assert_eq!(second.status(ends.now), Status::Failed(ConnectError::Busy(name(5))));
+    assert_eq!(second.status(ends.now), Status::Failed(ConnectError::Busy(Some(name(5)))));
 }
 
 #[test]

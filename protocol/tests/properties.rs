@@ -403,7 +403,7 @@ fn telemetry() -> impl Strategy<Value = Telemetry> {
             Telemetry {
                 operator: OperatorName::OWNER,
                 stopped_by: named.then_some(OperatorName::OWNER),
-                stopped_at: named.then_some(time),
+                latched_at: named.then_some(time),
                 time,
                 state,
                 faults,

@@ -7,13 +7,17 @@ use proptest::prelude::*;
 fn request() -> impl Strategy<Value = Request> {
     let operator = ("[a-zA-Z0-9]{1,16}", prop::array::uniform32(1_u8..))
         .prop_map(|(name, key)| Operator::new(name.parse().unwrap(), &Key::new(key)));
-    let provisioning = ("[a-zA-Z0-9]{1,31}", "[ -~]{1,32}", "[ -~]{8,63}|[0-9a-f]{64}").prop_map(
-        |(name, network, password)| Provisioning::new(&name, &network, &password, None).unwrap(),
-    );
+    let provisioning =
+        ("[a-zA-Z0-9]{1,31}", prop::collection::vec(1_u8.., 1..=32), "[ -~]{8,63}|[0-9a-f]{64}")
+            .prop_map(|(name, network, password)| {
+                Provisioning::new(&name, &network, &password, None).unwrap()
+            });
     prop_oneof![
         Just(Request::Identify),
         Just(Request::Forget),
         Just(Request::Operators),
+        Just(Request::Network),
+        any::<(u8, u8)>().prop_map(|(number, from)| Request::Scan { number, from }),
         any::<([u8; 16], [u8; 8])>().prop_map(|(challenge, id)| Request::Prove(challenge, id)),
         (provisioning.clone(), operator.clone(), any::<[u8; 8]>())
             .prop_map(|(it, operator, id)| Request::Keep(it, operator.name(), id)),

@@ -1,7 +1,10 @@
 //! The robot's network task on a network without hardware ([`flix_sim::rig::network_task`]), with the robot's two halves at
 //! rest.
+mod conflict;
 mod dhcp;
 mod icmp;
+mod silence;
+mod twin;
 
 use std::cell::{Cell, RefCell};
 use std::future::Future;
@@ -11,7 +14,7 @@ use std::rc::Rc;
 use embassy_futures::join::join;
 use embassy_futures::select::{Either, select};
 use embassy_net::udp::UdpSocket;
-use embassy_net::{Config, IpEndpoint};
+use embassy_net::{Config, IpAddress, IpEndpoint};
 use embassy_time::{Duration, Timer};
 use flix_firmware::board::DENGFOC_V3_01;
 use flix_firmware::fast::exchange::Exchange;
@@ -39,6 +42,8 @@ struct Brain {
     ticks: Cell<u64>,
     /// Between two exchanges of the halves.
     longest_gap_us: Cell<u64>,
+    /// Addresses of other robots of the same name that were reported.
+    twins: RefCell<Vec<Ipv4Addr>>,
 }
 
 impl Brain {
@@ -52,6 +57,7 @@ impl Brain {
             exchange: exchange.into(),
             ticks: Cell::new(0),
             longest_gap_us: Cell::new(0),
+            twins: RefCell::default(),
         }
     }
 
@@ -97,6 +103,9 @@ impl Station for ChipStation {
     }
     fn poll_at(&self) -> Option<Instant> {
         self.brain.slow.borrow().poll_at(now())
+    }
+    fn meet_twin(&mut self, address: Ipv4Addr) {
+        self.brain.twins.borrow_mut().push(address);
     }
 }
 
@@ -417,13 +426,20 @@ fn what_is_answered_to_others_in_an_operators_name_takes_no_telemetry_from_him()
 fn copies_whose_first_the_guard_was_made_to_forget_keep_no_answer_from_an_operator() {
     play(Some(key()), |world| async move {
         // The first answer is lost; then strangers send more than the guard remembers, and a copy of what was asked.
-        let first = Cell::new(true);
+        let (first, wire) = (Cell::new(true), world.wire.clone());
         world.wire.follow(move |frame| {
+            wire.lose_one_in(0);
             let copy = [&frame[..6], &network::hardware(66), &frame[12..]].concat();
             let is_first = frame[12..14] == [0x08, 0x00] && first.replace(false);
             if is_first { strangers().chain([copy]).collect() } else { Vec::new() }
         });
-        world.wire.lose_one_in(2);
+        let (mut is_answered, wire) = (false, world.wire.clone());
+        world.wire.watch(move |frame| {
+            let is_answer = frame[12..14] == [0x08, 0x00] && frame[30..34] == OPERATOR.octets();
+            if is_answer && !std::mem::replace(&mut is_answered, true) {
+                wire.lose_one_in(1);
+            }
+        });
         let mut operator = Operator::new(&world);
         let patience = Timer::after(Duration::from_millis(900));
         let connected = select(operator.connect(), patience).await;

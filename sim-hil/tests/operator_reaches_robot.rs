@@ -25,6 +25,26 @@ fn operation(network: ChannelParameters) -> Operation {
 }
 
 #[test]
+fn a_robot_with_a_fault_rests_only_once_its_rotors_do() {
+    let mut operation = operation(ChannelParameters::PERFECT);
+    operation.arm().unwrap();
+    operation.want(setpoint(-30.0, 30.0).unwrap());
+    operation.run(Duration::from_secs(2), |_| {}).unwrap();
+    let (from, until) = (operation.now(), operation.now() + Duration::from_secs(1));
+    let fault = HardwareFault::EncoderLost(0);
+    operation.robot.disturb(Injected::new(fault, from, until, 1));
+    let mut rests_at = None;
+    while operation.now() < until {
+        operation.run(Duration::from_millis(1), |_| {}).unwrap();
+        let (report, f) = (operation.robot.report(), operation.robot.truth().frequency());
+        assert!(!report.rests || f.abs() < 3.0, "flash may be written at {f} Hz");
+        rests_at = rests_at.or(report.rests.then(|| report.time.since(from)));
+    }
+    assert_eq!(operation.robot.report().state, State::Faulted);
+    assert!(rests_at.is_some_and(|at| at > Duration::from_millis(50)), "{rests_at:?}");
+}
+
+#[test]
 fn the_robot_says_who_it_is() {
     let mut operation = operation(ChannelParameters::PERFECT);
     operation.wait_until_connected().unwrap();

@@ -2,7 +2,8 @@
 //! it does not answer, or answers what cannot be.
 //!
 //! Most readings are of the angle alone, whose address the part still knows: 29 clocks of the bus. Every [`STATUS_INTERVAL`]th also
-//! asks for the magnet's state and addresses the angle anew, so that a part whose supply dipped is not read elsewhere for longer.
+//! asks for the magnet's state and addresses the angle anew, so that a part whose supply dipped is not read elsewhere for longer; every
+//! [`CHECK_INTERVAL`]th of these reads the filter instead, and sets it anew where that dip has changed it.
 
 use embedded_hal::i2c::I2c;
 use flix_protocol::units::Instant;
@@ -16,8 +17,11 @@ use crate::hardware::{EncoderAngle, Magnet};
 /// Failures in a row, at any time, after which the bus is to run slower until the next start: no answer, or one that cannot
 /// be, which is what weak pull-ups make of bits.
 const FAILURES: u8 = 8;
-/// So many readings from one look at the magnet to the next: 2 ms at most, as two parts are read in turn.
+/// So many readings from one look at the magnet to the next: 2 ms at most, as two parts are read in turn; 4 ms where a look at the
+/// filter comes in between.
 pub const STATUS_INTERVAL: u8 = 16;
+/// So many looks at the magnet from one at the filter to the next: 32 ms at most.
+pub const CHECK_INTERVAL: u8 = 16;
 
 /// What is known of an AS5600.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -27,13 +31,21 @@ pub struct As5600 {
     magnet: Magnet,
     /// Readings until the next look at the magnet.
     until_status: u8,
+    /// Looks at the magnet until the next one at the filter.
+    until_check: u8,
 }
 
 impl As5600 {
     /// Knows nothing yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self { is_configured: false, failures: 0, magnet: Magnet::Good, until_status: 0 }
+        Self {
+            is_configured: false,
+            failures: 0,
+            magnet: Magnet::Good,
+            until_status: 0,
+            until_check: 0,
+        }
     }
 
     /// Reads the angle, and when it was sampled; `None` when the encoder does not answer, has no magnet, or does not keep
@@ -70,6 +82,12 @@ impl As5600 {
         if !self.is_configured && !configure(bus) {
             return None;
         }
+        self.until_check = self.until_check.checked_sub(1).unwrap_or(CHECK_INTERVAL);
+        if self.is_configured && self.until_check == 0 {
+            self.until_status = STATUS_INTERVAL;
+            let is_kept = configuration(bus)? & BITS == WANTED;
+            return (is_kept || configure(bus)).then_some(Pointer::Elsewhere);
+        }
         let mut status = [0];
         bus.write_read(AS5600_ADDRESS, &[AS5600_STATUS_REGISTER], &mut status).ok()?;
         self.magnet = as5600_magnet(status[0])?;
@@ -99,18 +117,23 @@ enum Pointer {
     Elsewhere,
 }
 
+/// Mask of the configuration bits that the robot sets, and their values.
+const BITS: u16 = u16::from_be_bytes(AS5600_CONFIGURATION_BITS);
+const WANTED: u16 = u16::from_be_bytes(AS5600_CONFIGURATION);
+
+/// Reads the configuration.
+fn configuration(bus: &mut impl I2c) -> Option<u16> {
+    let mut found = [0; 2];
+    bus.write_read(AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER], &mut found).ok()?;
+    Some(u16::from_be_bytes(found))
+}
+
 /// Sets the filter, and leaves reserved bits as they are; returns whether it is set then.
 fn configure(bus: &mut impl I2c) -> bool {
-    let read = |bus: &mut _| {
-        let mut found = [0; 2];
-        I2c::write_read(bus, AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER], &mut found).ok()?;
-        Some(u16::from_be_bytes(found))
-    };
-    let [wanted, bits] = [AS5600_CONFIGURATION, AS5600_CONFIGURATION_BITS].map(u16::from_be_bytes);
-    let Some(found) = read(bus) else { return false };
-    let [high, low] = (found & !bits | wanted).to_be_bytes();
+    let Some(found) = configuration(bus) else { return false };
+    let [high, low] = (found & !BITS | WANTED).to_be_bytes();
     bus.write(AS5600_ADDRESS, &[AS5600_CONFIGURATION_REGISTER, high, low]).is_ok()
-        && read(bus).is_some_and(|found| found & bits == wanted)
+        && configuration(bus).is_some_and(|found| found & BITS == WANTED)
 }
 
 #[cfg(test)]
@@ -255,6 +278,21 @@ mod tests {
         (bus.fastest_khz, bus.configuration) = (1_000, [0; 2]);
         assert_eq!(angle(&mut encoder, &mut bus), ANGLE);
         assert_eq!(bus.configuration, AS5600_CONFIGURATION);
+    }
+
+    #[test]
+    fn a_filter_that_falls_back_between_two_readings_is_set_again() {
+        let (mut encoder, mut bus) = (As5600::new(), Bus::up_to(1_000));
+        for _ in 0..50 {
+            angle(&mut encoder, &mut bus);
+        }
+        bus.configuration = [0; 2];
+        let readings = u32::from(STATUS_INTERVAL) * u32::from(CHECK_INTERVAL);
+        let mut later = (1..).take_while(|_| {
+            assert_eq!(angle(&mut encoder, &mut bus), ANGLE);
+            bus.configuration != AS5600_CONFIGURATION
+        });
+        assert!(later.by_ref().count() < readings as usize + 16);
     }
 
     #[test]

@@ -14,7 +14,7 @@
 //! - currents that do not follow the voltage are a broken current sense.
 //!
 //! Where all that is known from before, the field pulls only a quarter electrical turn, as a check
-//! that encoder, phases and sense still agree with what is remembered.
+//! that encoder, phases and current sense still agree with the stored alignment.
 
 use flix_protocol::message::Fault;
 

@@ -270,6 +270,8 @@ impl Control {
         Report {
             time: self.time,
             state: self.supervisor.state,
+            rests: matches!(self.activity, Activity::Idle)
+                && (self.at_rest || self.supervisor.has_braked()),
             faults: self.supervisor.faults,
             first_fault: self.supervisor.first_fault,
             stopped: self.supervisor.stopped,

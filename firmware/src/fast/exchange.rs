@@ -139,6 +139,8 @@ pub struct Report {
     pub time: Instant,
     /// Where the supervisor stands.
     pub state: State,
+    /// Whether the motors are not driven, and the rotors stand or have braked for 0.5 s.
+    pub rests: bool,
     /// Latched faults.
     pub faults: Faults,
     /// The first of them.
@@ -182,6 +184,15 @@ pub struct Report {
     pub alignment: [Alignment; 2],
     /// What happened.
     pub events: EventCounters,
+}
+
+impl Report {
+    /// Returns the state for those who write flash or restart the chip, which holds up the fast loop: a robot that is idle and
+    /// still brakes, coasts or is ramped down is stopping.
+    #[must_use]
+    pub const fn settled(&self) -> State {
+        if self.state.is_idle() && !self.rests { State::Stopping } else { self.state }
+    }
 }
 
 /// Values that the two halves have left for each other. `M` is the memory of the [`Scope`].

@@ -7,18 +7,18 @@
 //!    |                  | Off, stop,       | Off, stop, link lost         | Off, stop, link silent
 //!    |                  | link silent      |                              |
 //!    +------------------+------------------+------------ Stopping <-------+
-//!    |  Clear: cause gone, 0.5 s since             (at rest)
+//!    |  Clear, 0.5 s after the fault, cause gone    (at rest)
 //! Faulted <------------------ any fault, from any state but Disarmed
 //! ```
 //!
-//! A robot that ramps down because of silence runs on if orders come back in time, and else ends in Armed. A trial goes
-//! from Disarmed to Aligning and back.
+//! A robot that ramps down because of silence runs on if orders come back while it does, and else ends in Armed; after 1 s of silence,
+//! in Disarmed. A trial goes from Disarmed to Aligning and back.
 //!
 //! # Orders and permits
 //!
 //! An order is a level: [`Asked::wanted`] in every tick, not an edge. The supervisor holds one [`Permit`] and counts it up at
-//! each [`Halt`]: whenever the rotors came to rest, or must not go on, without this operator's order. **What begins something
-//! needs the present permit; what calms needs none.**
+//! each [`Halt`]: whenever the rotors came to rest, or must not go on, without this operator's `Off`, `Stop` or f of 0; and when an
+//! alignment or a trial has ended. **What begins something needs the present permit; what calms needs none.**
 //!
 //! In the table p is the order's permit. *For good*: ends in Disarmed. *Back*: Running again, where the order is in time.
 //!
@@ -226,6 +226,11 @@ impl Supervisor {
         self.advance(now, asked, conditions)
     }
 
+    /// Returns whether it has been in its state for longer than rotors brake.
+    pub(crate) const fn has_braked(&self) -> bool {
+        self.ticks >= BRAKE_TICKS
+    }
+
     /// Returns whether it has been in its state for so long that rotors which are not driven stand, whatever the encoders say.
     pub(crate) const fn braked_for_long(&self) -> bool {
         self.ticks == u16::MAX
@@ -345,7 +350,7 @@ impl Supervisor {
         if silence >= LINK_LOST_US && !self.link_lost {
             self.link_lost = true;
             self.events.link_lost = self.events.link_lost.wrapping_add(1);
-            // A robot that was disarmed comes to rest as its operator asked.
+            // The operator's own order to disarm is under way: nothing else halts the robot.
             let is_asked = self.state == State::Stopping && self.reason == Reason::Final;
             if self.driving() && !is_asked {
                 self.count(Halt::LinkLost);
@@ -364,7 +369,7 @@ impl Supervisor {
                     Wanted::Clear if self.stopped => self.clear(now, asked, conditions),
                     _ => {}
                 }
-                // One that begins now does so in the next tick, which is not the longest then.
+                // Alignment begins in the next tick, so that this one does no more than others.
                 self.rest(conditions)
             }
             State::Aligning => self.align(asked, conditions),
@@ -469,7 +474,7 @@ impl Supervisor {
     /// middle of a run finds them spinning.
     fn rest(&self, conditions: &Conditions) -> Drive {
         let stands = conditions.at_rest || self.braked_for_long();
-        if self.ticks >= BRAKE_TICKS && stands { Drive::Off } else { Drive::Brake }
+        if self.has_braked() && stands { Drive::Off } else { Drive::Brake }
     }
 
     fn make_safe(&mut self, conditions: &Conditions) -> Drive {

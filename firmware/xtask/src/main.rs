@@ -47,6 +47,7 @@ const EXAMPLES: &str = "Examples:
   cargo xtask setup                                  install what a fresh machine lacks
   cargo xtask build esp32c6
   cargo xtask flash esp32 --board dengfoc-v3-01
+  cargo xtask flash esp32 -- --flash-freq 40mhz      what stands behind -- is espflash's
   cargo xtask check esp32 --encoder mt6701
   cargo xtask build esp32 --stock                    an experiment: without espup
   cargo xtask emulate                                provision, drive, and try what goes wrong
@@ -68,9 +69,9 @@ enum Task {
     /// Type-check the chip's firmware with every board and encoder, or with those named.
     Check(Choice),
     /// Make a flashable file of the chip's firmware.
-    Image(Build),
+    Image(Image),
     /// Build, flash and show the log (needs espflash and a board).
-    Flash(Choice),
+    Flash(Flash),
     /// Replay a recorded walk on an emulated processor: compare every bit, count instructions.
     Pil(tick_instructions::Args),
     /// Run the ESP32-C6 image on an emulated chip with the simulated robot at its pins.
@@ -106,6 +107,24 @@ struct Build {
     stock: bool,
 }
 
+#[derive(Args)]
+struct Image {
+    #[command(flatten)]
+    build: Build,
+    /// Options of espflash, behind `--`, such as `--flash-freq 40mhz`.
+    #[arg(last = true)]
+    espflash: Vec<String>,
+}
+
+#[derive(Args)]
+struct Flash {
+    #[command(flatten)]
+    choice: Choice,
+    /// Options of espflash, behind `--`, such as `--flash-freq 40mhz` or `--port PORT`.
+    #[arg(last = true)]
+    espflash: Vec<String>,
+}
+
 impl Build {
     /// Builds, prints the path of the ELF file and returns it.
     fn elf(&self) -> Result<PathBuf, Error> {
@@ -119,10 +138,12 @@ fn main() -> ExitCode {
         Task::Setup(args) => setup::setup(&args),
         Task::Build(args) => args.elf().map(drop),
         Task::Check(Choice { chip, options }) => toolchain::check(chip, &options),
-        Task::Image(args) => {
-            args.elf().and_then(|elf| image::make(args.choice.chip, &elf)).map(drop)
+        Task::Image(Image { build, espflash }) => {
+            build.elf().and_then(|elf| image::make(build.choice.chip, &elf, &espflash)).map(drop)
         }
-        Task::Flash(Choice { chip, options }) => flash::flash(chip, &options),
+        Task::Flash(Flash { choice, espflash }) => {
+            flash::flash(choice.chip, &choice.options, &espflash)
+        }
         Task::Pil(args) => tick_instructions::run(&args),
         Task::Emulate(args) => emulate::run(&args),
         Task::Size(args) => image::size(&args),

@@ -332,7 +332,7 @@ mod tests {
     #[test]
     fn addresses_are_taken_apart() {
         for (text, host, port) in [
-            ("walker-1", "walker-1", None),
+            ("walker-3f2c", "walker-3f2c", None),
             ("10.0.0.7", "10.0.0.7", None),
             ("10.0.0.7:4000", "10.0.0.7", Some(4000)),
             ("robot.lab:1", "robot.lab", Some(1)),

@@ -13,6 +13,9 @@ use flix_shell::{Error, Exit};
 
 /// List the robots that announce themselves on the local network (mDNS, `_flix._udp`), and the simulated robot of this
 /// computer.
+///
+/// Two robots may have one name. The column `key` states which robot has the key of your keyring: `proved`; `not proved` by
+/// another robot of this name, or by one that did not answer; `none`, where your keyring has no key of this name.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -46,6 +49,18 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     if interrupt.is_raised() {
         return Err(LinkError::Interrupted.into());
     }
+    let with_key = |robot: Found| {
+        let key =
+            keyring.as_ref().and_then(|keyring| keyring.key(&keyring.spelled(&robot.name)?).ok());
+        (robot, key)
+    };
+    let robots: Vec<_> = robots.into_iter().map(with_key).collect();
+    let proved = discovery::prove_all(&robots);
+    let robots = robots
+        .into_iter()
+        .zip(proved)
+        .map(|((found, _), proved)| Row { found, key: state_of_key(proved) });
+    let robots: Vec<Row> = robots.collect();
     if args.json {
         print_json(&robots)?;
     } else if robots.is_empty() {
@@ -57,16 +72,36 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         ));
     } else {
         let mut rows = vec![headings("robot|address|key|board")];
-        rows.extend(robots.iter().map(|robot| row(robot, keyring.as_ref())));
+        rows.extend(robots.iter().map(Row::line));
         print(&table(&rows))?;
     }
     Ok(if robots.is_empty() { Exit::NoAnswer } else { Exit::Done }.into())
 }
 
-fn row(robot: &Found, keyring: Option<&Keyring>) -> Vec<String> {
-    let address =
-        robot.socket_address().map_or_else(|| "no address".to_owned(), |it| it.to_string());
-    let key = if keyring.is_some_and(|it| it.contains(&robot.name)) { "known" } else { "none" };
-    let board = robot.properties.get("board").cloned().unwrap_or_default();
-    vec![robot.name.clone(), address, key.to_owned(), board]
+/// A robot of the list.
+#[derive(serde::Serialize)]
+struct Row {
+    #[serde(flatten)]
+    found: Found,
+    /// See [`state_of_key`].
+    key: &'static str,
+}
+
+/// States whether a robot has proved to have the key of its name in the keyring; `None` where the keyring has no such key.
+const fn state_of_key(proved: Option<bool>) -> &'static str {
+    match proved {
+        Some(true) => "proved",
+        Some(false) => "not_proved",
+        None => "none",
+    }
+}
+
+impl Row {
+    fn line(&self) -> Vec<String> {
+        let Self { found, key } = self;
+        let address =
+            found.socket_address().map_or_else(|| "no address".to_owned(), |it| it.to_string());
+        let board = found.properties.get("board").cloned().unwrap_or_default();
+        vec![found.name.clone(), address, key.replace('_', " "), board]
+    }
 }

@@ -20,7 +20,7 @@ use flix_host::nav::EndReason;
 use flix_host::pose::any::Poses;
 use flix_host::pose::natnet::NatNetStatistics;
 use flix_host::pose::udp::UdpStatistics;
-use flix_host::pose::{LATE, PoseError, PoseSample, PoseSource};
+use flix_host::pose::{LATE, PoseError, PoseSample, PoseSource, rate};
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
 use flix_shell::output::{print, print_json, waiting};
@@ -28,8 +28,6 @@ use flix_shell::{Error, Exit};
 
 /// Time for which poses and telemetry are observed.
 const WATCH: Duration = Duration::from_secs(2);
-/// Fewest poses per second for good control.
-const FEW_POSES: f64 = 50.0;
 /// Largest difference of the two clocks, as a share.
 const CLOCK_DRIFT: f64 = 0.02;
 /// Jitter of the telemetry, s.
@@ -45,7 +43,7 @@ const LONG_ROUND_TRIP: Duration = Duration::from_millis(100);
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  flix doctor walker-1 --natnet-server 192.168.1.5
+  flix doctor walker-3f2c --natnet-server 192.168.1.5
   flix doctor --json                         (against flix-sim serve --natnet)")]
 pub struct Args {
     #[command(flatten)]
@@ -456,16 +454,15 @@ fn judge_poses(
         ));
     }
     let rate = count as f64 / watched;
-    if rate < FEW_POSES {
-        return Err(format!(
-            "{rate:.0} poses per second are too few: let the tracker send 100 or more"
-        ));
+    if rate::is_too_low(rate) {
+        return Err(EndReason::TooFewPoses { rate }.to_string());
     }
+    let cost = rate::cost(rate).map_or_else(String::new, |cost| format!("; {cost}"));
     let delays = match spread.as_millis() {
         0 => String::new(),
         spread => format!(", delays differ by up to {spread} ms"),
     };
-    Ok(format!("{rate:.0} per second, all tracked{delays}"))
+    Ok(format!("{rate:.0} per second, all tracked{delays}{cost}"))
 }
 
 fn judge_datagrams(seen: UdpStatistics, watched: f64) -> Finding {
@@ -579,7 +576,7 @@ mod tests {
             (NatNetStatistics::default(), "loopback"),
             (NatNetStatistics { without_body: 240, ..seen() }, "\"drone\" (4)"),
             (NatNetStatistics { untracked: 3, ..seen() }, "markers"),
-            (NatNetStatistics { frames: 20, ..seen() }, "few"),
+            (NatNetStatistics { frames: 16, ..seen() }, "the fewest"),
             (NatNetStatistics { jumps: 2, ..seen() }, "second sender"),
             (NatNetStatistics { strangers: 9, stranger, ..seen() }, "10.0.0.7 sends poses"),
             (
@@ -605,13 +602,15 @@ mod tests {
     fn every_trouble_of_datagrams_has_its_own_advice() {
         let seen = UdpStatistics { poses: 240, ..UdpStatistics::default() };
         assert!(judge_datagrams(seen, 2.0).ok);
+        let slow = judge_datagrams(UdpStatistics { poses: 60, ..seen }, 2.0);
+        assert!(slow.ok && slow.sentence.contains("later"), "{slow:?}");
         let stranger = Some([10, 0, 0, 7].into());
         for (statistics, advice) in [
             (UdpStatistics::default(), "--interface"),
             (UdpStatistics { unreadable: 3, ..seen }, "roll pitch yaw"),
             (UdpStatistics { untracked: 3, ..seen }, "markers"),
             (UdpStatistics { jumps: 2, ..seen }, "second sender"),
-            (UdpStatistics { poses: 20, ..seen }, "few"),
+            (UdpStatistics { poses: 16, ..seen }, "the fewest"),
             (UdpStatistics { strangers: 9, stranger, ..seen }, "10.0.0.7"),
         ] {
             let finding = judge_datagrams(statistics, 2.0);

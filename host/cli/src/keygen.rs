@@ -16,7 +16,7 @@ use flix_shell::{Error, Exit};
 #[command(after_help = "\
 Examples:
   flix keygen walker.key              a key in a file
-  flix keygen --robot walker-1   a key in your own keyring, found by its name")]
+  flix keygen --robot daisy   a key in your own keyring, found by its name")]
 #[group(required = true)]
 pub struct Args {
     /// File to write; it must not exist.

@@ -7,9 +7,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use flix_protocol::message::{Identity, OPERATOR_NAME_LENGTH, OperatorName};
+use flix_protocol::HOST_PREFIX;
+use flix_protocol::message::{OPERATOR_NAME_LENGTH, OperatorName};
+use flix_protocol::network_name::NetworkName;
 use flix_protocol::provision::{
-    FixedAddress, ProvisionRefusal, Provisioning, ProvisioningError, Request,
+    FixedAddress, HeardNetwork, NetworkState, ProvisionRefusal, Provisioning, ProvisioningError,
+    Request,
 };
 use flix_protocol::session::{Key, Operator};
 use zeroize::Zeroizing;
@@ -17,37 +20,40 @@ use zeroize::Zeroizing;
 use super::address::offered;
 use flix_host::link::keys::{self, Keyring};
 use flix_host::link::serial::{SerialError, SerialRobot};
-use flix_host::system::file;
 use flix_host::system::interrupt::Interrupt;
 use flix_host::system::text::printable;
-use flix_shell::output::{complain, print};
+use flix_shell::output::{complain, headings, print, print_json, table, waiting};
 use flix_shell::{Error, Exit};
 
 /// Environment variable with the network's password.
 const PASSWORD_VARIABLE: &str = "FLIX_NETWORK_PASSWORD";
 
 /// One of them is done at a time; the first takes [`SETTINGS`].
-const TASKS: [&str; 5] = ["ssid", "operators", "add_operator", "revoke_operator", "forget"];
+const TASKS: [&str; 7] =
+    ["ssid", "wait", "networks", "operators", "add_operator", "revoke_operator", "forget"];
 /// What may be said besides the network.
-const SETTINGS: [&str; 7] =
-    ["name", "operator", "password_file", "open", "address", "gateway", "new_key"];
+const SETTINGS: [&str; 8] =
+    ["name", "operator", "password_file", "open", "address", "gateway", "new_key", "no_wait"];
 
 /// Give a robot its name, network and key, over its serial port.
 ///
 /// The key is made here, stored in your keyring for this robot only, and never shown. A robot keeps its
 /// key when it proves to have it; a key of your keyring crosses no cable again. The network's
 /// password comes from --password-file, from the variable FLIX_NETWORK_PASSWORD, or from a prompt
-/// that does not show it.
+/// that does not show it. Then the robot starts anew, and its address on the network is awaited for 30 s, or
+/// the reason why it has none. Name and key stay in robot and keyring either way.
 ///
 /// A robot has up to eight operators, each with a name and a key of its own. It reports by name who
 /// drives it, and any of them can stop it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
+  flix provision --port /dev/ttyUSB0 --networks            list what it hears
   flix provision --port /dev/ttyUSB0 --ssid lab
   flix provision --port /dev/ttyUSB0 --ssid lab --password-file lab.password
   flix provision --port /dev/ttyUSB0 --ssid lab --address 10.0.0.7/24
   flix provision --port /dev/ttyUSB0 --ssid lab --new-key  the old one is known
+  flix provision --port /dev/ttyUSB0 --wait                ask for its address
   flix provision --port /dev/ttyUSB0 --operators           list who may drive
   flix provision --port /dev/ttyUSB0 --add-operator bob    make a key for bob
   flix provision --port /dev/ttyUSB0 --revoke-operator bob bob may drive no more
@@ -58,16 +64,16 @@ pub struct Args {
     /// Serial port of the robot.
     #[arg(long, value_name = "PORT")]
     port: PathBuf,
-    /// Network to join.
+    /// Network to join; `\xNN` is a byte of a name that is not UTF-8, `\\` a backslash.
     #[arg(long, value_name = "NETWORK")]
-    ssid: Option<String>,
-    /// Name of the robot [default: its present name, or the next free `walker-N`].
+    ssid: Option<NetworkName>,
+    /// Name of the robot [default: its present name; a new robot's is `walker-` and the last four digits of its MAC address].
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
     /// Your name, under which the robot reports that you drive [default: your user name].
     #[arg(long, value_name = "NAME")]
     operator: Option<OperatorName>,
-    /// File with the network's password on its first line.
+    /// File with the network's password on its first line, which others cannot read; `-` is standard input.
     #[arg(long, value_name = "FILE", conflicts_with = "open")]
     password_file: Option<PathBuf>,
     /// Join a network without a password.
@@ -82,6 +88,18 @@ pub struct Args {
     /// Make a new key for a robot that has one; all its former keys are erased.
     #[arg(long)]
     new_key: bool,
+    /// Do not wait until the robot has an address.
+    #[arg(long)]
+    no_wait: bool,
+    /// Wait until the robot has an address on the network that it knows, and change nothing.
+    #[arg(long)]
+    wait: bool,
+    /// List the access points that the robot hears, the strongest first; names are written as --ssid takes them.
+    #[arg(long)]
+    networks: bool,
+    /// Print the list of --networks as JSON.
+    #[arg(long, conflicts_with_all = TASKS.into_iter().filter(|task| *task != "networks"))]
+    json: bool,
     /// List the operators, one name a line.
     #[arg(long)]
     operators: bool,
@@ -131,14 +149,59 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         add_operator(args, name, &robot, &keyring)?
     } else if let Some(name) = args.revoke_operator {
         revoke_operator(name, &robot, &keyring)?
+    } else if args.wait {
+        let (identity, has_key) = robot.identify()?;
+        if !has_key {
+            return Err(SerialError::Refused(ProvisionRefusal::Unprovisioned).into());
+        }
+        join(&identity.name, "its network", &args.port, &robot)?
+    } else if args.networks {
+        return networks(args.json, &robot);
     } else if args.operators {
         robot_in_hand(&robot, &keyring)?;
         robot.operators()?.iter().map(|name| format!("{name}\n")).collect()
     } else {
-        robot.order(&Request::Forget)?;
-        "name, network and keys are erased from the robot\n".to_owned()
+        forget(&robot, &keyring)?
     };
     print(&said)?;
+    Ok(Exit::Done.into())
+}
+
+/// An access point of the list.
+#[derive(serde::Serialize)]
+struct Row {
+    /// Name of its network as --ssid takes it; empty where it is hidden.
+    name: String,
+    channel: u8,
+    dbm: i8,
+    security: String,
+}
+
+/// Prints the access points that the robot hears.
+fn networks(is_json: bool, robot: &SerialRobot) -> Result<ExitCode, Error> {
+    let heard = waiting("the robot to listen", || robot.networks())?;
+    let rows: Vec<Row> = heard
+        .into_iter()
+        .map(|HeardNetwork { name, channel, dbm, security }| {
+            let (name, security) = (name.to_string(), security.to_string());
+            Row { name, channel, dbm, security }
+        })
+        .collect();
+    if is_json {
+        print_json(&rows)?;
+    } else if rows.is_empty() {
+        return Err(Error::new(
+            Exit::NotNow,
+            "the robot hears no network at 2.4 GHz: check its antenna, and that the access point is on and not at 5 GHz alone",
+        ));
+    } else {
+        let mut table_rows = vec![headings("dBm|channel|security|network")];
+        table_rows.extend(rows.into_iter().map(|Row { name, channel, dbm, security }| {
+            let name = if name.is_empty() { "(hidden)".to_owned() } else { name };
+            vec![dbm.to_string(), channel.to_string(), security, name]
+        }));
+        print(&table(&table_rows))?;
+    }
     Ok(Exit::Done.into())
 }
 
@@ -154,6 +217,19 @@ fn robot_in_hand(robot: &SerialRobot, keyring: &Keyring) -> Result<String, Error
         return Err(unproved(name));
     }
     Ok(name.to_owned())
+}
+
+/// Erases all from the robot. The key that it has had is of no use then, and its name is free.
+fn forget(robot: &SerialRobot, keyring: &Keyring) -> Result<String, Error> {
+    let (identity, has_key) = robot.identify()?;
+    let name = identity.name.as_str();
+    let is_ours = has_key && keyring.contains(name) && proved(name, robot, keyring)?.is_some();
+    robot.order(&Request::Forget)?;
+    let aside = match is_ours {
+        true => format!("; its key is now in {}", keyring.set_aside(name)?.display()),
+        false => String::new(),
+    };
+    Ok(format!("name, network and keys are erased from the robot{aside}\n"))
 }
 
 fn add_operator(
@@ -201,35 +277,37 @@ fn list(names: &[OperatorName]) -> String {
     names.iter().map(OperatorName::as_str).collect::<Vec<_>>().join(", ")
 }
 
+/// Variables with the name of the user, of Unix and of Windows.
+const USER_VARIABLES: [&str; 3] = ["USER", "LOGNAME", "USERNAME"];
+
 /// Returns the name of the user, as far as it can be an operator's.
 fn user_name() -> OperatorName {
-    let user = ["USER", "LOGNAME"].iter().find_map(|name| std::env::var(name).ok());
-    let label: String = user
-        .unwrap_or_default()
-        .chars()
-        .map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '-' })
-        .take(OPERATOR_NAME_LENGTH)
-        .collect();
-    label.trim_matches('-').parse().unwrap_or(OperatorName::OWNER)
+    let label = |user: String| {
+        let letter = |it: char| if it.is_ascii_alphanumeric() { it } else { '-' };
+        let label: String = user.chars().map(letter).take(OPERATOR_NAME_LENGTH).collect();
+        label.trim_matches('-').parse().ok()
+    };
+    let mut users = USER_VARIABLES.iter().filter_map(|name| std::env::var(name).ok());
+    users.find_map(label).unwrap_or(OperatorName::OWNER)
 }
 
 fn provision(
     args: &Args,
-    network: &str,
+    network: &NetworkName,
     robot: &SerialRobot,
     keyring: &Keyring,
 ) -> Result<String, Error> {
     // Check everything else before the password is typed.
-    let check = |name: &str| Provisioning::new(name, network, "", None);
+    let check = |name: &str| Provisioning::new(name, network.as_bytes(), "", None);
     check(args.name.as_deref().unwrap_or("walker")).map_err(Error::usage)?;
 
     let (identity, has_key) = robot.identify()?;
     let name = match &args.name {
         Some(name) => name.clone(),
-        None => known_or_next_name(&identity, has_key, keyring),
+        None => identity.name.to_string(),
     };
     let former = if has_key { robot.operators()? } else { Vec::new() };
-    let key = KeyInHand::find_or_make(args, &name, robot, keyring)?;
+    // Before a key is made: one that no robot has would take the name.
     let password = password(args)?;
     if password.is_empty() && !args.open {
         return Err(Error::usage("the password is empty: give --open for a network without one"));
@@ -239,22 +317,63 @@ fn provision(
         prefix_length,
         gateway: args.gateway.map(|gateway| gateway.octets()),
     });
-    let provisioning = Provisioning::new(&name, network, &password, address)
+    let provisioning = Provisioning::new(&name, network.as_bytes(), &password, address)
         .map_err(|error| explain(error, &password))?;
+    let key = KeyInHand::find_or_make(args, &name, robot, keyring)?;
     let operator = args.operator.unwrap_or_else(user_name);
     key.give(provisioning, operator, robot, keyring)?;
     let path = keyring.key_file(&name);
-    if let Some(Network { address, .. }) = args.address {
-        keyring.store_address(&name, &address.to_string())?;
+    match args.address {
+        Some(Network { address, .. }) => keyring.store_address(&name, &address.to_string())?,
+        None => keyring.erase_address(&name)?,
     }
     let erased = match former.as_slice() {
         [] => String::new(),
         _ if key.is_proved => String::new(),
         names => format!("its former keys are erased: {}\n", list(names)),
     };
+    let path = path.display();
+    if args.no_wait {
+        return Ok(format!(
+            "{name} has its key and joins the network `{network}`; the key is in {path}\n{erased}try: flix teleop {name}\n"
+        ));
+    }
+    print(&format!("{name} has its key, which is in {path}\n{erased}"))?;
+    join(&name, &format!("the network `{network}`"), &args.port, robot)
+}
+
+/// Waits until the robot has an address. Name, key and network stay in the robot if the wait fails.
+fn join(name: &str, network: &str, port: &Path, robot: &SerialRobot) -> Result<String, Error> {
+    let mut shown = String::new();
+    let progress = |state| {
+        let sentence = match state {
+            NetworkState::Joining => format!("{name} joins {network}"),
+            NetworkState::Failed { reason, .. } => format!("{reason}; {name} tries again"),
+            NetworkState::NoAddress { .. } => {
+                format!("{name} is connected and waits for an address")
+            }
+            NetworkState::Joined(_) => return,
+        };
+        if shown != sentence {
+            complain(&sentence);
+            shown = sentence;
+        }
+    };
+    let again = format!("ask again: flix provision --port {} --wait", port.display());
+    let joined = robot.joined(progress).map_err(|error| {
+        let Error { exit, sentence } = error.into();
+        Error::new(exit, format_args!("{sentence}\n{name} has what it was given; {again}"))
+    })?;
+    let address = joined.map_err(|error| {
+        let tries = "what it was given stays, and it goes on trying";
+        Error::new(
+            Exit::NotNow,
+            format_args!("{name} is not on {network}: {error}; {tries}; {again}"),
+        )
+    })?;
+    let host = name.to_ascii_lowercase();
     Ok(format!(
-        "{name} has its key and joins the network `{network}`; the key is in {}\n{erased}try: flix teleop {name}\n",
-        path.display()
+        "{name} is on {network}: {address}, host name {HOST_PREFIX}{host}\ntry: flix teleop {name}\n"
     ))
 }
 
@@ -268,22 +387,11 @@ fn explain(error: ProvisioningError, password: &str) -> Error {
     }
 }
 
-/// Returns the name on which robot and keyring agree, else the first free one.
-fn known_or_next_name(identity: &Identity, has_key: bool, keyring: &Keyring) -> String {
-    if has_key && keyring.contains(&identity.name) {
-        return identity.name.to_string();
-    }
-    (1u32..)
-        .map(|number| format!("walker-{number}"))
-        .find(|name| !keyring.contains(name))
-        .unwrap_or_else(|| "walker".to_owned())
-}
-
 fn unproved(name: &str) -> Error {
     Error::new(
         Exit::Refused,
         format_args!(
-            "your keyring has a key for a robot called `{name}`, and this device does not have it: choose another --name for another robot, or --new-key if it is the same robot and its key was changed or forgotten"
+            "your keyring has a key for a robot called `{name}`, and this device does not have it: choose another --name for another robot, or --new-key if it is the same robot and its key was changed, forgotten or erased"
         ),
     )
 }
@@ -431,10 +539,6 @@ fn given_password(args: &Args) -> Result<Zeroizing<String>, Error> {
 }
 
 fn read_password(path: &Path) -> Result<Zeroizing<String>, Error> {
-    let text = file::read_text(path)
-        .map(Zeroizing::new)
-        .map_err(|error| Error::usage(format_args!("{}: {error}", path.display())))?;
-    // As some editors begin a file.
-    let text = text.trim_start_matches('\u{feff}');
+    let text = keys::read_secret(path, "--password-file")?;
     Ok(Zeroizing::new(text.lines().next().unwrap_or_default().to_owned()))
 }

@@ -30,8 +30,8 @@ pub const TELEMETRY_PATIENCE: Duration = Duration::from_secs(3);
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  flix status walker-1
-  flix status walker-1 --json | jq -e '.faults == []'")]
+  flix status walker-3f2c
+  flix status walker-3f2c --json | jq -e '.faults == []'")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,

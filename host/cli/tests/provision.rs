@@ -1,4 +1,5 @@
 //! `flix provision` on a pseudo-terminal with a robot's serial end behind it.
+use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -10,8 +11,10 @@ use std::thread::JoinHandle;
 
 use flix_host::link::keys::Keyring;
 use flix_protocol::message::{Identity, ResetReason};
+use flix_protocol::network_name::NetworkName;
 use flix_protocol::provision::{
-    Answer, FrameReader, ProvisionRefusal, Provisioning, Request, write_frame,
+    Answer, FrameReader, HEARD_AT_ONCE, HeardNetwork, HeardNetworks, HeardSecurity, JoinFailure,
+    NetworkAddress, NetworkState, ProvisionRefusal, Provisioning, Request, write_frame,
 };
 use flix_protocol::session::{Key, Operator as Holder, Operators};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -42,11 +45,59 @@ impl Kept {
     }
 }
 
+/// What a robot answers when it is asked for its network, one after the other, the last again and again; nothing while it starts.
+type Way = VecDeque<Option<NetworkState>>;
+
+const JOINED: NetworkState = NetworkState::Joined(NetworkAddress {
+    address: [192, 168, 1, 7],
+    prefix_length: 24,
+    is_fixed: false,
+});
+
+/// Returns the way of a robot that starts anew, and then is in these states.
+fn way(states: impl IntoIterator<Item = NetworkState>) -> Way {
+    [None].into_iter().chain(states.into_iter().map(Some)).collect()
+}
+
+/// Returns the way of a robot whose tries fail for this reason.
+fn failures(reason: JoinFailure) -> Way {
+    let tries = (1..9).map(|tries| NetworkState::Failed { reason, tries });
+    way([NetworkState::Joining].into_iter().chain(tries))
+}
+
+/// The radio of a robot: it hears these once it has listened for two questions.
+#[derive(Default)]
+struct Scanner(u32);
+
+fn heard(name: &[u8], channel: u8, dbm: i8, security: HeardSecurity) -> HeardNetwork {
+    HeardNetwork { name: NetworkName::new(name).unwrap(), channel, dbm, security }
+}
+
+impl Scanner {
+    fn answer(&mut self, from: u8) -> Answer {
+        self.0 += 1;
+        if self.0 < 3 {
+            return Answer::Networks(None);
+        }
+        let strong = [
+            heard(b"caf\xe9\x1b[2J", 11, -41, HeardSecurity::Open),
+            heard("Anna\u{2019}s iPhone".as_bytes(), 6, -60, HeardSecurity::Wpa2),
+            heard(b"", 1, -85, HeardSecurity::Enterprise),
+        ];
+        let crowd = (0..8).map(|n| heard(&[b'n', b'0' + n], 3, -90, HeardSecurity::Wpa2Wpa3));
+        let all: Vec<_> = strong.into_iter().chain(crowd).collect();
+        let part = all.iter().skip(from.into()).take(HEARD_AT_ONCE).cloned();
+        let (total, networks) = (all.len() as u8, part.collect());
+        Answer::Networks(Some(HeardNetworks { total, from, networks }))
+    }
+}
+
 /// A robot at the other end of a cable, which also logs to it.
 struct CabledRobot {
     port: PathBuf,
     kept: Arc<Mutex<Option<Kept>>>,
     asked: Arc<Mutex<Vec<Request>>>,
+    network: Arc<Mutex<Way>>,
     ends: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -86,10 +137,13 @@ impl CabledRobot {
         let asked = Arc::new(Mutex::new(Vec::new()));
         let ends = Arc::new(AtomicBool::new(false));
         let (shared, log, stop) = (Arc::clone(&kept), Arc::clone(&asked), Arc::clone(&ends));
+        let network = Arc::new(Mutex::new(Way::from([Some(JOINED)])));
+        let states = Arc::clone(&network);
         let thread = std::thread::spawn(move || {
             let mut master = File::from(master);
             let mut reader = FrameReader::new();
             let mut bytes = [0; 64];
+            let mut scans = Scanner::default();
             while !stop.load(Ordering::SeqCst) {
                 let Ok(length) = master.read(&mut bytes) else { break };
                 let mut requests: Vec<Request> = Vec::new();
@@ -102,7 +156,12 @@ impl CabledRobot {
                         continue;
                     }
                     let takes_a_key = matches!(request, Request::Provision(..));
-                    let answer = answer(&mut shared.lock().unwrap(), request, refusal);
+                    let mut way = states.lock().unwrap();
+                    let is_over = way.len() == 1 || request != Request::Network;
+                    let network = if is_over { way[0] } else { way.pop_front().unwrap() };
+                    let answer =
+                        answer(&mut shared.lock().unwrap(), request, refusal, network, &mut scans);
+                    let Some(answer) = answer else { continue };
                     if is_cut && takes_a_key {
                         return;
                     }
@@ -112,7 +171,12 @@ impl CabledRobot {
             }
             drop(held);
         });
-        Self { port, kept, asked, ends, thread: Some(thread) }
+        Self { port, kept, asked, network, ends, thread: Some(thread) }
+    }
+
+    /// Goes this way from now on.
+    fn goes(&self, way: Way) {
+        *self.network.lock().unwrap() = way;
     }
 
     fn kept(&self) -> Kept {
@@ -120,11 +184,20 @@ impl CabledRobot {
     }
 }
 
-fn answer(kept: &mut Option<Kept>, request: Request, refusal: Option<ProvisionRefusal>) -> Answer {
-    match (request, refusal) {
+/// Returns the answer; none to a question for the network while it is unknown.
+fn answer(
+    kept: &mut Option<Kept>,
+    request: Request,
+    refusal: Option<ProvisionRefusal>,
+    network: Option<NetworkState>,
+    scans: &mut Scanner,
+) -> Option<Answer> {
+    Some(match (request, refusal) {
+        (Request::Network, _) if kept.is_none() => Answer::Refused(ProvisionRefusal::Unprovisioned),
+        (Request::Network, _) => Answer::Network(network?),
         (Request::Identify, _) => Answer::Identity {
             identity: Identity {
-                name: kept.as_ref().map_or("", |kept| kept.name()).try_into().unwrap(),
+                name: kept.as_ref().map_or("walker-0ab3", |kept| kept.name()).try_into().unwrap(),
                 board: "bench".try_into().unwrap(),
                 version: "0.1.0".try_into().unwrap(),
                 reset: ResetReason::PowerOn,
@@ -139,6 +212,7 @@ fn answer(kept: &mut Option<Kept>, request: Request, refusal: Option<ProvisionRe
             Answer::Operators(kept.as_ref().map(|it| it.operators.names()).unwrap_or_default())
         }
         (_, Some(refusal)) => Answer::Refused(refusal),
+        (Request::Scan { from, .. }, None) => scans.answer(from),
         (Request::Provision(provisioning, operator), None) => {
             *kept = Some(Kept { provisioning, operators: operator.into() });
             Answer::Done
@@ -162,7 +236,7 @@ fn answer(kept: &mut Option<Kept>, request: Request, refusal: Option<ProvisionRe
             *kept = None;
             Answer::Done
         }
-    }
+    })
 }
 
 impl Drop for CabledRobot {
@@ -190,17 +264,22 @@ impl Operator {
     }
 
     fn provision(&self, robot: &CabledRobot, words: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_flix"))
+        self.command(robot, words).env("USER", "anna.b").output().unwrap()
+    }
+
+    fn command(&self, robot: &CabledRobot, words: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_flix"));
+        command
             .args(["provision", "--port", robot.port.to_str().unwrap()])
             .args(words)
             .env("XDG_CONFIG_HOME", self.home.path())
             .env("HOME", self.home.path())
             .env("FLIX_NETWORK_PASSWORD", "correct horse")
-            .env("USER", "anna.b")
+            .env_remove("LOGNAME")
+            .env_remove("USERNAME")
             .current_dir(self.home.path())
-            .stdin(Stdio::null())
-            .output()
-            .unwrap()
+            .stdin(Stdio::null());
+        command
     }
 
     #[track_caller]
@@ -227,10 +306,92 @@ fn a_new_robot_gets_name_network_password_and_the_key_that_is_kept() {
     operator.provisions(&robot, &["--ssid", "lab"]);
     let kept = robot.kept();
     assert_eq!(
-        (kept.name(), kept.network(), kept.password()),
-        ("walker-1", "lab", "correct horse")
+        (kept.name(), kept.network().as_bytes(), kept.password()),
+        ("walker-0ab3", &b"lab"[..], "correct horse")
     );
-    assert_eq!(operator.keyring().key("walker-1").unwrap(), kept.key());
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), kept.key());
+}
+
+#[test]
+fn provisioning_ends_with_the_robots_address() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    let no_address = NetworkState::NoAddress { seconds: 0 };
+    robot.goes(way([NetworkState::Joining, no_address, no_address, JOINED]));
+    let said = operator.provisions(&robot, &["--ssid", "lab"]);
+    for word in ["192.168.1.7/24 by DHCP", "host name flix-walker-0ab3", "waits for an address"] {
+        assert_eq!(said.matches(word).count(), 1, "`{word}` in {said}");
+    }
+}
+
+#[test]
+fn a_join_that_fails_names_its_cause_and_undoes_nothing() {
+    for (way, cause) in [
+        (failures(JoinFailure::Password), "password is refused"),
+        (failures(JoinFailure::Absent), "5 GHz"),
+        (failures(JoinFailure::Security), "802.1X"),
+        (failures(JoinFailure::Full), "no more devices"),
+        (failures(JoinFailure::Refused), "refuses the robot"),
+        (failures(JoinFailure::Radio), "radio"),
+        (self::way([NetworkState::NoAddress { seconds: 20 }]), "DHCP"),
+    ] {
+        let (operator, robot) = (Operator::new(), CabledRobot::new());
+        robot.goes(way);
+        operator.fails(&robot, &["--ssid", "lab"], 32, cause);
+        assert_eq!(robot.kept().network().as_bytes(), b"lab");
+        assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), robot.kept().key());
+        // The same words again: the robot has them already, and joins meanwhile.
+        robot.goes(Way::from([Some(JOINED)]));
+        operator.provisions(&robot, &["--ssid", "lab"]);
+    }
+}
+
+#[test]
+fn a_robot_is_asked_for_its_address_again_and_nothing_changes() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.fails(&robot, &["--wait"], 32, "provision it first");
+    operator.provisions(&robot, &["--ssid", "lab", "--name", "rover", "--no-wait"]);
+    assert!(!robot.asked.lock().unwrap().contains(&Request::Network));
+    robot.asked.lock().unwrap().clear();
+    robot.goes(failures(JoinFailure::Absent));
+    operator.fails(&robot, &["--wait"], 32, "--wait");
+    robot.goes(way([NetworkState::Joining, JOINED]));
+    assert!(operator.provisions(&robot, &["--wait"]).contains("192.168.1.7"));
+    let asks = |it: &Request| matches!(it, Request::Identify | Request::Network);
+    assert!(robot.asked.lock().unwrap().iter().all(asks));
+}
+
+#[test]
+fn a_network_is_chosen_from_what_the_robot_hears() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    let said = operator.provisions(&robot, &["--networks"]);
+    let rows: Vec<&str> = said.lines().map(str::trim).collect();
+    assert_eq!(rows.len(), 12, "{said}");
+    assert!(rows[1].starts_with("-41") && rows[1].ends_with(r"caf\xe9\x1b[2J"), "{said}");
+    assert!(rows[2].ends_with("Anna\u{2019}s iPhone") && rows[2].contains("WPA2"), "{said}");
+    assert!(rows[3].contains("802.1X") && rows[3].ends_with("(hidden)"), "{said}");
+    assert!(rows[11].ends_with("n7"), "{said}");
+    let robot = CabledRobot::new();
+    let json = operator.provisions(&robot, &["--networks", "--json"]);
+    let list: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(list.as_array().unwrap().len(), 11);
+    assert_eq!(
+        list[0],
+        serde_json::json!({"name": r"caf\xe9\x1b[2J", "channel": 11, "dbm": -41, "security": "open or WPA3"})
+    );
+    let changes = |it: &Request| !matches!(it, Request::Scan { .. });
+    assert!(!robot.asked.lock().unwrap().iter().any(changes));
+}
+
+#[test]
+fn a_robot_that_drives_or_whose_radio_fails_lists_no_networks() {
+    let operator = Operator::new();
+    for (refusal, word) in
+        [(ProvisionRefusal::Driving, "disarm"), (ProvisionRefusal::Radio, "radio")]
+    {
+        let robot = CabledRobot::with_trouble(0, Some(refusal));
+        operator.fails(&robot, &["--networks"], 32, word);
+    }
+    operator.fails(&CabledRobot::new(), &["--ssid", "lab", "--json"], 2, "--json");
 }
 
 #[test]
@@ -264,7 +425,7 @@ fn another_network_keeps_name_and_key() {
     let first = robot.kept();
     operator.provisions(&robot, &["--ssid", "home"]);
     let second = robot.kept();
-    assert_eq!((second.name(), second.network()), ("rover", "home"));
+    assert_eq!((second.name(), second.network().as_bytes()), ("rover", &b"home"[..]));
     assert_eq!(first.key(), second.key());
 }
 
@@ -275,7 +436,7 @@ fn a_key_is_rotated_on_demand_and_the_robot_has_what_is_kept() {
     let first = robot.kept().key();
     operator.provisions(&robot, &["--ssid", "lab", "--new-key"]);
     assert_ne!(first, robot.kept().key());
-    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), robot.kept().key());
 }
 
 #[test]
@@ -283,11 +444,11 @@ fn a_refused_rotation_keeps_the_old_key() {
     let operator = Operator::new();
     let robot = CabledRobot::new();
     operator.provisions(&robot, &["--ssid", "lab"]);
-    let first = operator.keyring().key("walker-1").unwrap();
+    let first = operator.keyring().key("walker-0ab3").unwrap();
     let driving = CabledRobot::with_trouble(0, Some(ProvisionRefusal::Driving));
-    let words = ["--ssid", "lab", "--name", "walker-1", "--new-key"];
+    let words = ["--ssid", "lab", "--name", "walker-0ab3", "--new-key"];
     operator.fails(&driving, &words, 32, "disarm");
-    assert_eq!(operator.keyring().key("walker-1").unwrap(), first);
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), first);
 }
 
 #[test]
@@ -336,7 +497,7 @@ fn a_device_that_passes_questions_on_to_the_robot_is_handed_no_key_either() {
     operator.provisions(&relay, &["--ssid", "home"]);
     operator.provisions(&relay, &["--operators"]);
     assert!(!was_sent(&relay, &key));
-    assert_eq!((robot.kept().network(), robot.kept().key()), ("home", key));
+    assert_eq!((robot.kept().network().as_bytes(), robot.kept().key()), (&b"home"[..], key));
 }
 
 #[test]
@@ -349,40 +510,40 @@ fn a_lost_answer_to_a_new_key_locks_nobody_out() {
     assert_ne!(robot.kept().key(), former);
     // At the cable, as if nothing had been.
     operator.provisions(&CabledRobot::relay(&robot), &["--operators"]);
-    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), robot.kept().key());
     // One that was never taken is of no harm.
     let key = robot.kept().key();
-    operator.keyring().offer("walker-1", &former).unwrap();
+    operator.keyring().offer("walker-0ab3", &former).unwrap();
     operator.provisions(&CabledRobot::relay(&robot), &["--ssid", "home"]);
-    assert_eq!(operator.keyring().key("walker-1").unwrap(), key);
-    assert_eq!(operator.keyring().offered("walker-1").unwrap(), None, "the robot has the other");
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), key);
+    assert_eq!(operator.keyring().offered("walker-0ab3").unwrap(), None, "the robot has the other");
     operator.provisions(&CabledRobot::relay(&robot), &words);
-    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
-    assert_eq!(operator.keyring().offered("walker-1").unwrap(), None);
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), robot.kept().key());
+    assert_eq!(operator.keyring().offered("walker-0ab3").unwrap(), None);
 }
 
 #[test]
 fn a_second_new_key_costs_no_key_that_the_robot_may_have() {
     let (operator, robot) = (Operator::new(), CabledRobot::new());
     operator.provisions(&robot, &["--ssid", "lab"]);
-    let words = ["--ssid", "lab", "--name", "walker-1", "--new-key"];
+    let words = ["--ssid", "lab", "--name", "walker-0ab3", "--new-key"];
     operator.fails(&CabledRobot::cut_off(&robot), &words, 10, "both keys are kept");
-    let (former, new) = (operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+    let (former, new) = (operator.keyring().key("walker-0ab3").unwrap(), robot.kept().key());
     // Another device at the cable, which refuses or obeys.
     for refusal in [Some(ProvisionRefusal::Driving), None] {
         let other = CabledRobot::with_trouble(0, refusal);
-        operator.fails(&other, &words, 20, "walker-1.new");
-        assert_eq!(operator.keyring().key("walker-1").unwrap(), former);
-        assert_eq!(operator.keyring().offered("walker-1").unwrap().as_ref(), Some(&new));
+        operator.fails(&other, &words, 20, "walker-0ab3.new");
+        assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), former);
+        assert_eq!(operator.keyring().offered("walker-0ab3").unwrap().as_ref(), Some(&new));
         assert!(other.kept.lock().unwrap().is_none());
     }
     operator.provisions(&CabledRobot::relay(&robot), &words);
     assert_ne!(robot.kept().key(), new);
-    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), robot.kept().key());
     // An offer whose file was never written whole, and a robot that proves the former.
-    fs::write(operator.keyring().offered_file("walker-1"), "").unwrap();
+    fs::write(operator.keyring().offered_file("walker-0ab3"), "").unwrap();
     operator.provisions(&CabledRobot::relay(&robot), &words);
-    assert_eq!(operator.keyring().key("walker-1").unwrap(), robot.kept().key());
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), robot.kept().key());
 }
 
 #[test]
@@ -393,7 +554,7 @@ fn a_robot_that_forgot_its_key_gets_a_new_one_and_the_old_is_sent_to_nobody() {
     robot.asked.lock().unwrap().clear();
     operator.provisions(&robot, &["--forget"]);
     operator.provisions(&robot, &["--ssid", "lab"]);
-    assert_eq!(robot.kept().name(), "walker-1");
+    assert_eq!(robot.kept().name(), "walker-0ab3");
     operator.provisions(&robot, &["--ssid", "lab", "--name", "rover", "--new-key"]);
     assert_eq!(operator.keyring().key("rover").unwrap(), robot.kept().key());
     assert!(!was_sent(&robot, &old));
@@ -405,21 +566,21 @@ fn operators_are_added_with_keys_of_their_own_listed_and_revoked() {
     anna.provisions(&robot, &["--ssid", "lab"]);
     assert_eq!(robot.kept().names(), ["anna-b"]);
     let said = anna.provisions(&robot, &["--add-operator", "bob"]);
-    let file = anna.home.path().join("walker-1-bob.key");
+    let file = anna.home.path().join("walker-0ab3-bob.key");
     let key = flix_host::link::keys::read(&file).unwrap();
     let text = String::from_utf8(key.to_text().to_vec()).unwrap();
-    assert!(said.contains("walker-1-bob.key") && !said.contains(&text), "{said}");
+    assert!(said.contains("walker-0ab3-bob.key") && !said.contains(&text), "{said}");
     let bob = Holder::new("bob".parse().unwrap(), &key);
     assert_eq!(robot.kept().operators.iter().nth(1), Some(&bob));
     assert_eq!(anna.provisions(&robot, &["--operators"]), "anna-b\nbob\n");
 
     // With his key in his keyring, bob owns the robot as anna does: another network keeps both.
     let his = Operator::new();
-    his.keyring().store("walker-1", &key).unwrap();
+    his.keyring().store("walker-0ab3", &key).unwrap();
     his.provisions(&robot, &["--ssid", "home", "--operator", "robert"]);
     assert_eq!(
-        (robot.kept().network(), robot.kept().names()),
-        ("home", vec!["anna-b".into(), "robert".into()])
+        (robot.kept().network().as_bytes(), robot.kept().names()),
+        (&b"home"[..], vec!["anna-b".into(), "robert".into()])
     );
 
     his.fails(&robot, &["--revoke-operator", "carla"], 2, "anna-b, robert");
@@ -433,7 +594,7 @@ fn an_operator_that_the_robot_refuses_leaves_no_key_behind() {
     let (operator, robot) = (Operator::new(), CabledRobot::new());
     operator.provisions(&robot, &["--ssid", "lab", "--operator", "anna"]);
     operator.fails(&robot, &["--add-operator", "anna"], 32, "another operator has this name");
-    assert!(!operator.home.path().join("walker-1-anna.key").exists());
+    assert!(!operator.home.path().join("walker-0ab3-anna.key").exists());
     let file = operator.home.path().join("known.key");
     fs::write(&file, "mine").unwrap();
     let words = ["--add-operator", "bob", "--key-file", "known.key"];
@@ -470,7 +631,7 @@ fn a_fixed_address_is_sent_and_remembered() {
     let address = robot.kept().address().unwrap();
     assert_eq!((address.address, address.prefix_length), ([10, 0, 0, 7], 24));
     assert_eq!(address.gateway, Some([10, 0, 0, 1]));
-    assert_eq!(operator.keyring().address("walker-1").as_deref(), Some("10.0.0.7"));
+    assert_eq!(operator.keyring().address("walker-0ab3").as_deref(), Some("10.0.0.7"));
 }
 
 #[test]
@@ -488,6 +649,9 @@ fn the_password_can_come_from_a_file_and_what_is_not_seen_in_it_is_remarked() {
         let file = operator.home.path().join("password");
         fs::write(&file, text).unwrap();
         let words = ["--ssid", "lab", "--password-file", file.to_str().unwrap()];
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).unwrap();
+        operator.fails(&robot, &words, 2, "--password-file - <");
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
         let said = operator.provisions(&robot, &words);
         assert_eq!(robot.kept().password(), password);
         assert_eq!(said.contains("taken as it is"), is_remarked, "{text:?}: {said}");
@@ -498,7 +662,20 @@ fn the_password_can_come_from_a_file_and_what_is_not_seen_in_it_is_remarked() {
 fn an_open_network_has_no_password() {
     let (operator, robot) = (Operator::new(), CabledRobot::new());
     operator.provisions(&robot, &["--ssid", "café", "--open"]);
-    assert_eq!((robot.kept().network(), robot.kept().password()), ("café", ""));
+    let kept = robot.kept();
+    assert_eq!((kept.network().as_bytes(), kept.password()), ("café".as_bytes(), ""));
+}
+
+#[test]
+fn a_network_whose_name_is_not_utf_8_is_named_by_its_bytes() {
+    for (text, bytes) in
+        [(r"caf\xe9", &b"caf\xe9"[..]), (r"\xff\\x", b"\xff\\x"), ("a\u{2019}s", b"a\xe2\x80\x99s")]
+    {
+        let (operator, robot) = (Operator::new(), CabledRobot::new());
+        let said = operator.provisions(&robot, &["--ssid", text]);
+        assert_eq!(robot.kept().network().as_bytes(), bytes);
+        assert!(said.contains(&format!("the network `{text}`")), "{said}");
+    }
 }
 
 #[test]
@@ -510,17 +687,75 @@ fn a_robot_forgets_before_it_is_given_away() {
 }
 
 #[test]
+fn the_name_of_a_robot_that_forgot_is_free_for_the_next() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--address", "10.0.0.7/24"]);
+    let former = robot.kept().key();
+    assert!(operator.provisions(&robot, &["--forget"]).contains("walker-0ab3.forgotten"));
+    assert_eq!(operator.keyring().names(), <[&str; 0]>::default());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    assert_eq!(robot.kept().name(), "walker-0ab3");
+    assert_ne!(robot.kept().key(), former);
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), robot.kept().key());
+    assert_eq!(operator.keyring().address("walker-0ab3"), None, "that was the former one's");
+}
+
+#[test]
+fn a_robot_that_does_not_prove_its_key_or_does_not_forget_leaves_the_keyring_alone() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab"]);
+    let driving = CabledRobot::with_trouble(0, Some(ProvisionRefusal::Driving));
+    *driving.kept.lock().unwrap() = Some(robot.kept());
+    operator.fails(&driving, &["--forget"], 32, "disarm");
+    let device = CabledRobot::new();
+    let provisioning = Provisioning::new("walker-0ab3", "lab", "password", None).unwrap();
+    let operators = Operators::from(Some(Key::new([9; 32])));
+    *device.kept.lock().unwrap() = Some(Kept { provisioning, operators });
+    operator.provisions(&device, &["--forget"]);
+    assert_eq!(operator.keyring().key("walker-0ab3").unwrap(), robot.kept().key());
+}
+
+#[test]
+fn a_robot_that_leaves_its_fixed_address_is_found_by_its_name_again() {
+    let (operator, robot) = (Operator::new(), CabledRobot::new());
+    operator.provisions(&robot, &["--ssid", "lab", "--address", "10.0.0.7/24"]);
+    operator.provisions(&robot, &["--ssid", "home"]);
+    assert_eq!(operator.keyring().address("walker-0ab3"), None);
+}
+
+#[test]
+fn the_operator_has_the_name_of_the_user_on_every_system() {
+    for (variables, name) in [
+        (&[("USERNAME", "Anna Berg")][..], "Anna-Berg"),
+        (&[("USER", ""), ("LOGNAME", "anna")], "anna"),
+        (&[("USER", "анна"), ("USERNAME", "anna")], "anna"),
+        (&[("USER", "anna"), ("USERNAME", "bob")], "anna"),
+        (&[], "owner"),
+    ] {
+        let (operator, robot) = (Operator::new(), CabledRobot::new());
+        let mut command = operator.command(&robot, &["--ssid", "lab"]);
+        let status = command.env_remove("USER").envs(variables.iter().copied()).output().unwrap();
+        assert!(status.status.success());
+        assert_eq!(robot.kept().names(), [name]);
+    }
+}
+
+#[test]
 fn values_that_no_robot_takes_are_usage() {
     let (operator, robot) = (Operator::new(), CabledRobot::new());
     for (words, word) in [
         (&["--ssid", ""][..], "network"),
         (&["--ssid", &"x".repeat(33)], "network"),
+        (&["--ssid", r"home\lab"], r"`\\` is a backslash"),
+        (&["--ssid", r"lab\x00"], "zero"),
         (&["--ssid", "lab", "--name", "a b"], "name"),
         (&["--ssid", "lab", "--address", "10.0.0.7"], "10.0.0.7/24"),
         (&["--ssid", "lab", "--operator", "a b"], "operator's name"),
         (&["--add-operator", "a-name-too-long-x"], "operator's name"),
         (&["--ssid", "lab", "--operators"], "--operators"),
         (&["--name", "rover", "--forget"], "--forget"),
+        (&["--wait", "--no-wait"], "--no-wait"),
+        (&["--ssid", "lab", "--wait"], "--wait"),
         (&[], "--add-operator"),
         (&["--ssid", "lab", "--password-file", "/nonexistent"], "/nonexistent"),
     ] {

@@ -2,8 +2,9 @@
 //! answered, and opens a lost session again.
 //!
 //! An order that moves the robot or clears it is a [`Wish`], [pressed](Client::press) by a person or by a program that starts. It takes the
-//! permit that telemetry showed last, and counts only while the robot states the same one: after a halt the order becomes rest
-//! or [`Order::Off`], and [`Update::Ended`] reports why. [`Client::hold`] changes f and theta of a walk in force, with its permit.
+//! permit that telemetry showed last, and counts only while the robot states the same one: after a halt the walk of a robot that is
+//! driven becomes a rest, every other order [`Order::Off`], and [`Update::Ended`] reports why. Halts that the order itself led to
+//! (the end of its alignment or trial) end nothing. [`Client::hold`] changes f and theta of a walk in force, with its permit.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -61,6 +62,9 @@ pub enum NotTaken {
     /// The robot has not acknowledged the last stop.
     #[error("a stop is on its way: wait until the robot acknowledges it")]
     Stopping,
+    /// The robot has not disarmed yet, as this client has ordered: a walk would undo that.
+    #[error("the robot disarms: press Enter once it has")]
+    Disarming,
 }
 
 /// An event of the link, for the owner of the client.
@@ -143,7 +147,7 @@ pub struct Client {
     /// Number of the first datagram of this session that carried the order.
     order_since: Option<u64>,
     pressed: Option<Pressed>,
-    /// The request that asks for the sentence about settings that nothing is armed with.
+    /// The request for the reason why the robot's settings keep it from arming.
     checking: Option<u32>,
     stop: StopState,
     /// When it was asked for.
@@ -212,8 +216,8 @@ impl Client {
         self.press_for(now, wish, PASSING_PATIENCE, 0)
     }
 
-    /// Takes a wish of a program, as [`Client::press`] does, for `patience`. It goes on with the next permit, at most three times,
-    /// where orders stayed away while the motors were aligned or tried.
+    /// Takes a wish of a program, as [`Client::press`] does, for `patience`. Where orders stayed away while the motors were aligned or
+    /// tried, so that the robot let go of them, the wish is pressed again with the permit that followed, at most three times.
     ///
     /// # Errors
     /// As for [`Client::press`].
@@ -247,6 +251,13 @@ impl Client {
             }
             Wish::Clear if !shown.stopped && shown.faults.is_empty() => return Ok(()),
             Wish::Clear => self.stop = StopState::None,
+            // An order to disarm may still be on its way: nothing that is less takes its place.
+            Wish::Shake(setpoint)
+                if matches!(self.order, Order::Off | Order::Stop) && self.is_driven() =>
+            {
+                let rests = setpoint.frequency() == Hertz::ZERO;
+                return if rests { Ok(()) } else { Err(NotTaken::Disarming) };
+            }
             Wish::Arm | Wish::Shake(_) | Wish::Try(_) => self.is_driving = true,
         }
         self.set_order(now, wish.order(shown.permit));
@@ -271,7 +282,7 @@ impl Client {
             (Order::Arm(permit), Some((shown, Halt::Aligned))) if shown == permit.next() => {
                 Order::Shake(shown, setpoint)
             }
-            // It was armed before.
+            // A robot that was armed before this wish, which led to no other permit.
             (Order::Arm(permit), Some((shown, _))) if shown == permit && self.is_armed() => {
                 Order::Shake(shown, setpoint)
             }
@@ -357,8 +368,8 @@ impl Client {
         self.send_at = now;
     }
 
-    /// Takes that datagrams leave from another address now: a stop without a session begins anew, as the robot's answers hold for the
-    /// former one.
+    /// Takes that datagrams leave from another address now: a stop without a session begins anew, since the robot answers each of its
+    /// datagrams at the address that sent the first.
     pub fn move_address(&mut self) {
         self.beside = None;
     }
@@ -581,7 +592,7 @@ impl Client {
             }
             _ => Order::Off,
         };
-        // The robot has looked at it and is not driven, or never will obey it.
+        // A robot at rest that has looked at the order, or that states another permit and so never obeys the order, will not move.
         self.is_driving &= !self.telemetry.is_some_and(|it| {
             it.state.is_idle() && (self.is_heard(&it) || order.permit() != Some(it.permit))
         });

@@ -51,6 +51,18 @@ impl Found {
         self.socket_addresses().next()
     }
 
+    /// Returns one robot for each address of IPv4: a robot has one of these, so that several are as many robots of one name.
+    fn by_address(self) -> Vec<Self> {
+        let (ipv4, others): (Vec<_>, Vec<_>) =
+            self.addresses.iter().partition(|address| address.is_ipv4());
+        if ipv4.len() < 2 {
+            return vec![self];
+        }
+        let with =
+            |address| Self { addresses: [vec![address], others.clone()].concat(), ..self.clone() };
+        ipv4.into_iter().map(with).collect()
+    }
+
     fn socket_addresses(&self) -> impl Iterator<Item = SocketAddr> + '_ {
         self.addresses.iter().map(|address| SocketAddr::new(*address, self.port))
     }
@@ -61,17 +73,44 @@ impl Found {
 #[error("the search for robots failed: {0}; give the robot's address instead of its name")]
 pub struct DiscoveryError(#[from] mdns_sd::Error);
 
-/// Searches for this time, and returns every robot found, by name.
+/// Searches for this time, and returns every robot found, by name and address: two robots may have one name.
 ///
 /// # Errors
 /// When multicast does not work on this machine.
 pub fn browse(duration: Duration, interrupt: &Interrupt) -> Result<Vec<Found>, DiscoveryError> {
     let mut robots = BTreeMap::new();
     listen(duration, interrupt, |found| {
-        robots.extend(found.map(|found| (found.name.clone(), found)));
+        let each = found.into_iter().flat_map(Found::by_address);
+        robots.extend(each.map(|it| ((it.name.clone(), it.socket_address()), it)));
         false
     })?;
-    Ok(robots.into_values().collect())
+    // An announcement whose addresses came later.
+    let has_address =
+        |name: &str| robots.keys().any(|(it, address)| it == name && address.is_some());
+    let is_whole = |it: &Found| it.socket_address().is_some() || !has_address(&it.name);
+    Ok(robots.values().filter(|it| is_whole(it)).cloned().collect())
+}
+
+/// Returns, of each of these robots, whether it proves within 0.3 s that it has this key; `None` where there is no key.
+#[must_use]
+pub fn prove_all(robots: &[(Found, Option<Key>)]) -> Vec<Option<bool>> {
+    let greet = |(found, key): &(Found, Option<Key>)| -> Option<Vec<Greeted>> {
+        let key = key.as_ref()?;
+        Some(found.socket_addresses().filter_map(|it| Greeted::new(it, key)).collect())
+    };
+    let mut greeted: Vec<_> = robots.iter().map(greet).collect();
+    let is_open = |it: &Option<Vec<Greeted>>| {
+        it.as_ref().is_some_and(|addresses| !addresses.iter().any(|it| it.has_proved))
+    };
+    let begin = Instant::now();
+    while begin.elapsed() < GREETING_PATIENCE && greeted.iter().any(is_open) {
+        greeted.iter_mut().flatten().flatten().for_each(|it| {
+            it.newly_proves();
+        });
+        std::thread::sleep(SLICE);
+    }
+    let has_proved = |addresses: Vec<Greeted>| addresses.iter().any(|it| it.has_proved);
+    greeted.into_iter().map(|it| it.map(has_proved)).collect()
 }
 
 /// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and returns the address that proves to have one of these
@@ -174,10 +213,8 @@ impl Search<'_> {
                 self.greeted.extend(self.keys.iter().filter_map(|key| Greeted::new(address, key)));
             }
         }
-        let proved = self.greeted.iter_mut().filter(|it| !it.has_proved).filter_map(|it| {
-            it.has_proved = it.proves().unwrap_or(false);
-            it.has_proved.then_some(it.address)
-        });
+        let proved =
+            self.greeted.iter_mut().filter_map(|it| it.newly_proves().then_some(it.address));
         proved.collect()
     }
 }
@@ -248,6 +285,13 @@ impl Greeted {
         socket.set_nonblocking(true).ok()?;
         let greeting = StopSession::new(key, entropy, protocol::Instant::START);
         Some(Self { address, socket, greeting, begin: Instant::now(), has_proved: false })
+    }
+
+    /// Greets the address when that is due, and returns whether the key was proved since the last call.
+    fn newly_proves(&mut self) -> bool {
+        let is_new = !self.has_proved && self.proves().unwrap_or(false);
+        self.has_proved |= is_new;
+        is_new
     }
 
     /// Greets it when that is due, and returns whether it has answered with its key.
@@ -450,6 +494,21 @@ mod tests {
             let mut both = [one, two];
             both.sort();
             assert_eq!(passed, both);
+        });
+    }
+
+    #[test]
+    fn robots_of_one_name_are_told_apart_by_address_and_key() {
+        beside([(1, 0), (2, 0)], |[own, other]| {
+            let both = Found {
+                addresses: vec![own.ip(), Ipv4Addr::new(127, 0, 0, 2).into()],
+                ..found("walker", own)
+            };
+            let each: Vec<_> = both.by_address().into_iter().map(|it| it.addresses.len()).collect();
+            assert_eq!(each, [1, 1]);
+            let robots = [(own, Some(key(1))), (other, Some(key(1))), (other, None)];
+            let robots = robots.map(|(address, key)| (found("walker", address), key));
+            assert_eq!(prove_all(&robots), [Some(true), Some(false), None]);
         });
     }
 

@@ -10,7 +10,9 @@ pub const fn fault(fault: Fault) -> &'static str {
         Fault::OverCurrent => {
             "a phase current was above the limit of the driver: look for a blocked rotor or a short circuit"
         }
-        Fault::UnderVoltage => "the battery is empty: charge it",
+        Fault::UnderVoltage => {
+            "the battery is empty, or its connector is loose: charge it, look at it"
+        }
         Fault::OverVoltage => {
             "the supply is above the limit of the driver: check the battery and the braking energy"
         }
@@ -21,13 +23,15 @@ pub const fn fault(fault: Fault) -> &'static str {
             "an angle sensor does not answer: check its cable and the magnet's distance"
         }
         Fault::Stall => "the rotor does not move at full current: free the rotor",
-        Fault::PhaseLockLost => "the rotors did not follow f and theta: free them, or ask for less",
+        Fault::PhaseLockLost => {
+            "the rotors did not follow f and theta: is the battery connected? Free them, or ask for less"
+        }
         Fault::LoopOverrun => "the processor was too slow: update the firmware, and report it",
         Fault::Alignment => {
-            "a motor did not follow its alignment: check its phases, magnet and encoder"
+            "a motor did not follow its alignment: is the battery connected and switched on? Then check the motor's phases, magnet and encoder"
         }
         Fault::CurrentSense => {
-            "the current sensors disagree, or read far from zero at rest: check the board"
+            "the current sensors disagree, or read far from zero at rest: are battery and motors connected? Then check the board"
         }
         Fault::Settings => {
             "the stored settings were unreadable and defaults are in force: import yours again, or measure the motors anew"
@@ -164,6 +168,15 @@ pub fn event(event: &Event) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn faults_that_a_missing_battery_makes_name_the_battery() {
+        for kind in
+            [Fault::UnderVoltage, Fault::Alignment, Fault::CurrentSense, Fault::PhaseLockLost]
+        {
+            assert!(fault(kind).contains("battery"), "{kind}");
+        }
+    }
 
     #[test]
     fn a_refusal_in_each_state_has_the_hint_of_that_state() {

@@ -4,11 +4,12 @@
 //! The keys of the user are in the *keyring*, one file per robot:
 //! `$XDG_CONFIG_HOME/flix/robots/NAME.key` (`~/.config/flix/robots/NAME.key`). Beside a
 //! key, `NAME.address` holds the address of a robot with a fixed one, and `NAME.new` a key that was
-//! offered to the robot, for as long as nobody knows whether it has it: then both are kept.
+//! offered to the robot, for as long as nobody knows whether it has it: then both are kept. `NAME.forgotten` holds the key that a
+//! robot has erased at its owner's request.
 //!
 //! A file that other users can read is refused, as ssh does.
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File};
 use std::io::{self, IsTerminal as _, Read as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -27,9 +28,8 @@ pub const SIMULATED_ROBOT: &str = "simulated";
 /// Environment variable that names the key file; it comes before the keyring.
 pub const KEY_FILE_VARIABLE: &str = "FLIX_KEY_FILE";
 
-/// Longest file that is read as a key file, bytes: a wrong path (a film, a device) must not be read
-/// whole.
-const LONGEST_KEY_FILE: u64 = 4096;
+/// Longest part of a file with a secret that is read, bytes: a wrong path (a film, a device) must not be read whole.
+const LONGEST_SECRET: u64 = 4096;
 
 /// Longest wait for another program that changes keys; it takes some milliseconds.
 const LOCK_PATIENCE: Duration = Duration::from_secs(1);
@@ -44,7 +44,7 @@ pub enum KeyError {
     Random(getrandom::Error),
     /// Other users can read the file.
     #[error(
-        "the key file {} can be read by others (mode {mode:03o}): run `chmod 600 {}`, and make a new key if it may have been read; where its mode cannot be changed, as of a secret that is mounted, give `--key - < {}`",
+        "{} can be read by others (mode {mode:03o}): run `chmod 600 {}`, and replace the secret in it if it may have been read; where its mode cannot be changed, as of a secret that is mounted, give `{option} - < {}`",
         path.display(), path.display(), path.display()
     )]
     Exposed {
@@ -52,6 +52,8 @@ pub enum KeyError {
         path: PathBuf,
         /// Its permission bits.
         mode: u32,
+        /// The option that names the file.
+        option: &'static str,
     },
     /// Not a key.
     #[error(
@@ -130,31 +132,42 @@ pub fn generate() -> Result<Key, KeyError> {
     Ok(Key::new(*bytes))
 }
 
-/// Reads a key file; `-` is standard input. What [can be read once](file::is_read_once) is waited for.
+/// Reads a key file, as [`read_secret`] does.
 ///
 /// # Errors
-/// When it cannot be read, is not a key file, or other users can read it; when standard input is a terminal, which would show it.
+/// As for [`read_secret`], and when it is not a key file.
 pub fn read(path: &Path) -> Result<Key, KeyError> {
+    let text = read_secret(path, "--key")?;
+    text.parse().map_err(|source| KeyError::Malformed { path: path.to_owned(), source })
+}
+
+/// Reads a file with a secret, which this option names; `-` is standard input. What [can be read once](file::is_read_once) is waited for. A byte order mark at
+/// the beginning, which some editors write, is left out.
+///
+/// # Errors
+/// When it cannot be read, or other users can read it; when standard input is a terminal, which would show it.
+pub fn read_secret(path: &Path, option: &'static str) -> Result<Zeroizing<String>, KeyError> {
     let mut text = Zeroizing::new(String::new());
     if path == Path::new(file::STANDARD_STREAM) {
         let input = file::standard_input().map_err(at(path))?;
         if input.is_terminal() {
-            let shown = "a terminal would show the key: write `--key - < FILE`";
+            let shown = format!("a terminal would show it: write `{option} - < FILE`");
             return Err(at(path)(io::Error::other(shown)));
         }
-        input.lock().take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(at(path))?;
+        input.lock().take(LONGEST_SECRET).read_to_string(&mut text).map_err(at(path))?;
     } else {
         let file = match file::is_read_once(path) {
             true => File::open(path),
             false => file::open(path),
         };
         let file = file.map_err(at(path))?;
-        refuse_exposed(path, &file)?;
-        file.take(LONGEST_KEY_FILE).read_to_string(&mut text).map_err(at(path))?;
+        refuse_exposed(path, &file, option)?;
+        file.take(LONGEST_SECRET).read_to_string(&mut text).map_err(at(path))?;
     }
-    // As some editors begin a file.
-    let text = text.trim_start_matches('\u{feff}');
-    text.parse().map_err(|source| KeyError::Malformed { path: path.to_owned(), source })
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(rest) => Zeroizing::new(rest.to_owned()),
+        None => text,
+    })
 }
 
 /// Writes a new key file that only its owner can read, whole or not at all.
@@ -175,10 +188,10 @@ pub fn write_new(path: &Path, key: &Key) -> Result<(), KeyError> {
     })
 }
 
-fn refuse_exposed(path: &Path, file: &File) -> Result<(), KeyError> {
+fn refuse_exposed(path: &Path, file: &File, option: &'static str) -> Result<(), KeyError> {
     match exposed_mode(file).map_err(at(path))? {
         None => Ok(()),
-        Some(mode) => Err(KeyError::Exposed { path: path.to_owned(), mode }),
+        Some(mode) => Err(KeyError::Exposed { path: path.to_owned(), mode, option }),
     }
 }
 
@@ -345,10 +358,7 @@ impl Keyring {
         if read(&path).is_ok_and(|key| offered != Some(&key)) {
             return Ok(());
         }
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(at(&path)(error)),
-            _ => Ok(()),
-        }
+        erase(&path)
     }
 
     /// Keeps other programs from changing keys, until the file is closed. A file system without locks keeps nobody, and one that
@@ -358,8 +368,7 @@ impl Keyring {
         let path = self.directory.join(".lock");
         let file = File::options().create(true).append(true).open(&path).map_err(at(&path))?;
         let begun = Instant::now();
-        while matches!(file.try_lock(), Err(TryLockError::WouldBlock)) && begun.elapsed() < patience
-        {
+        while file::is_held_elsewhere(&file) && begun.elapsed() < patience {
             std::thread::sleep(LOCK_RETRY);
         }
         Ok(file)
@@ -369,6 +378,27 @@ impl Keyring {
     #[must_use]
     pub fn offered_file(&self, name: &str) -> PathBuf {
         self.directory.join(format!("{name}.new"))
+    }
+
+    /// Sets the key of a robot aside, which has erased it; its name is free for the next robot. Returns the file that holds it now.
+    ///
+    /// # Errors
+    /// When a file cannot be renamed or erased.
+    pub fn set_aside(&self, name: &str) -> Result<PathBuf, KeyError> {
+        check_name(name)?;
+        let _alone = self.lock(LOCK_PATIENCE)?;
+        let (path, aside) = (self.key_file(name), self.directory.join(format!("{name}.forgotten")));
+        fs::rename(&path, &aside).map_err(at(&path))?;
+        self.erase_address(name)?;
+        Ok(aside)
+    }
+
+    /// Erases the fixed address of a robot, if one is stored.
+    ///
+    /// # Errors
+    /// When its file cannot be erased.
+    pub fn erase_address(&self, name: &str) -> Result<(), KeyError> {
+        erase(&self.address_file(name))
     }
 
     /// Stores the fixed address (`host` or `host:port`) of a robot.
@@ -398,6 +428,14 @@ impl Keyring {
 
     fn create_directory(&self) -> Result<(), KeyError> {
         create_private_folder(&self.directory).map_err(at(&self.directory))
+    }
+}
+
+/// Erases a file, if there is one.
+fn erase(path: &Path) -> Result<(), KeyError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(at(path)(error)),
+        _ => Ok(()),
     }
 }
 

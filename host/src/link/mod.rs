@@ -29,6 +29,7 @@ mod client;
 pub mod discovery;
 mod error;
 pub mod explain;
+pub mod joining;
 #[cfg(not(target_family = "wasm"))]
 pub mod keys;
 #[cfg(not(target_family = "wasm"))]

@@ -10,12 +10,14 @@ use std::time::{Duration, Instant};
 use flix_protocol::frame::NONCE_LENGTH;
 use flix_protocol::message::{Identity, OperatorName};
 use flix_protocol::provision::{
-    Answer, BAUD_RATE, FrameReader, ProvisionRefusal, Request, write_frame,
+    Answer, BAUD_RATE, FrameReader, HeardNetwork, NetworkAddress, NetworkState, ProvisionRefusal,
+    Request, write_frame,
 };
 use flix_protocol::session::Key;
 use serial2::SerialPort;
 use zeroize::Zeroize;
 
+use super::joining::{JoinError, Wait};
 pub use super::port_log::PortLog;
 use crate::system::interrupt::Interrupt;
 use crate::system::text::printable;
@@ -26,6 +28,10 @@ pub const PATIENCE: Duration = Duration::from_secs(8);
 const RETRY: Duration = Duration::from_millis(700);
 /// Interval of the checks for interruption.
 const SLICE: Duration = Duration::from_millis(50);
+/// Longest wait for the networks that a robot hears: it listens for 1.6 s once a try to connect has ended, after 15 s at most.
+const SCAN_PATIENCE: Duration = Duration::from_secs(30);
+/// Interval at which a robot is asked how far it is: on its way onto its network, or with a scan.
+const PROGRESS: Duration = Duration::from_millis(250);
 
 /// Why the robot could not be provisioned over its serial port.
 #[derive(Debug, thiserror::Error)]
@@ -152,6 +158,61 @@ impl SerialRobot {
         }
     }
 
+    /// Waits until the robot has an address on its network, or will not get one; `progress` is handed each state.
+    ///
+    /// # Errors
+    /// When the robot does not answer, or has no network.
+    pub fn joined(
+        &self,
+        mut progress: impl FnMut(NetworkState),
+    ) -> Result<Result<NetworkAddress, JoinError>, SerialError> {
+        let (mut wait, start) = (Wait::default(), Instant::now());
+        loop {
+            let state = match self.ask(&Request::Network)? {
+                Answer::Network(state) => state,
+                Answer::Refused(refusal) => return Err(SerialError::Refused(refusal)),
+                _ => return Err(SerialError::Confused),
+            };
+            progress(state);
+            if let Some(result) = wait.hear(state, start.elapsed()) {
+                return Ok(result);
+            }
+            std::thread::sleep(PROGRESS);
+        }
+    }
+
+    /// Requests the access points that the robot hears, the strongest first.
+    ///
+    /// # Errors
+    /// When the robot does not answer, drives its motors, or cannot listen.
+    pub fn networks(&self) -> Result<Vec<HeardNetwork>, SerialError> {
+        let (mut scan, mut heard, start) = ([0], Vec::new(), Instant::now());
+        getrandom::fill(&mut scan)?;
+        let [number] = scan;
+        loop {
+            let from = u8::try_from(heard.len()).unwrap_or(u8::MAX);
+            match self.ask(&Request::Scan { number, from })? {
+                Answer::Networks(None) if start.elapsed() < SCAN_PATIENCE => {
+                    std::thread::sleep(PROGRESS);
+                }
+                Answer::Networks(None) => {
+                    return Err(SerialError::Refused(ProvisionRefusal::Radio));
+                }
+                // One that answers an earlier question once more is passed over.
+                Answer::Networks(Some(part)) if part.from == from => {
+                    let is_over = part.networks.is_empty();
+                    heard.extend(part.networks);
+                    if is_over || heard.len() >= part.total.into() {
+                        return Ok(heard);
+                    }
+                }
+                Answer::Networks(Some(_)) => {}
+                Answer::Refused(refusal) => return Err(SerialError::Refused(refusal)),
+                _ => return Err(SerialError::Confused),
+            }
+        }
+    }
+
     /// Sends a request that changes what the robot stores.
     ///
     /// # Errors
@@ -216,9 +277,16 @@ const fn is_answer(request: &Request, answer: &Answer) -> bool {
         Answer::Identity { .. } => matches!(request, Request::Identify),
         Answer::Proof(_) => matches!(request, Request::Prove(..)),
         Answer::Operators(_) => matches!(request, Request::Operators),
-        Answer::Done => {
-            !matches!(request, Request::Identify | Request::Prove(..) | Request::Operators)
-        }
+        Answer::Network(_) => matches!(request, Request::Network),
+        Answer::Networks(_) => matches!(request, Request::Scan { .. }),
+        Answer::Done => !matches!(
+            request,
+            Request::Identify
+                | Request::Prove(..)
+                | Request::Operators
+                | Request::Network
+                | Request::Scan { .. }
+        ),
         Answer::Refused(_) => true,
     }
 }

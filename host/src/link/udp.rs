@@ -127,14 +127,14 @@ impl Connection {
         }
     }
 
-    /// Clears the latched stop and the faults, and returns the telemetry that stated them. A stop later than `asked` stays latched, as
-    /// does each stop and fault that the robot had not stated when the session began.
+    /// Clears the latched stop and the faults, and returns the telemetry that stated them. A stop or fault later than `asked` stays
+    /// latched, as does each that the robot had not stated when the session began.
     ///
     /// # Errors
     /// As for [`RobotLink::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
     pub fn clear(&mut self, asked: std::time::Instant) -> Result<Telemetry, LinkError> {
-        // What was longest under way makes a stop look younger: of several, one that shows it older decides.
-        let is_known = |it: &Telemetry| it.stopped_for().is_none_or(|ago| ago >= asked.elapsed());
+        // A delay of telemetry makes a stop or fault look younger than it is: the oldest age among several reports decides.
+        let is_known = |it: &Telemetry| it.latched_for().is_none_or(|ago| ago >= asked.elapsed());
         let first = self.wait_for_telemetry(super::REQUEST_PATIENCE, |_| true)?;
         let first = first.ok_or(LinkError::Unanswered)?;
         let judged = match is_known(&first) {
@@ -142,19 +142,17 @@ impl Connection {
             false => self.wait_for_telemetry(TELEMETRY_LAG, is_known)?,
         };
         let Some(judged) = judged else {
-            return self.refused(Refusal::Stopped);
+            let newest = self.telemetry().unwrap_or(first);
+            return self.not_cleared(&newest);
         };
-        // The robot has halted since: that halt needs an order to clear of its own.
-        let mut newest = None;
+        // A robot that has halted since needs an order to clear of its own.
+        let mut newer = None;
         self.press_by(|client, now| {
-            newest = client.telemetry().copied().filter(|it| it.permit != judged.permit);
-            if newest.is_some() { Ok(()) } else { client.press(now, Wish::Clear) }
+            newer = client.telemetry().copied().filter(|it| it.permit != judged.permit);
+            if newer.is_some() { Ok(()) } else { client.press(now, Wish::Clear) }
         })?;
-        if let Some(newest) = newest {
-            return match newest.faults.is_empty() {
-                true => self.refused(Refusal::Stopped),
-                false => Err(LinkError::faulted(&newest)),
-            };
+        if let Some(newer) = newer {
+            return self.not_cleared(&newer);
         }
         let mut last = None;
         let cleared = self.wait_for(CLEAR_PATIENCE + TELEMETRY_LAG, |_, update| match update {
@@ -173,6 +171,14 @@ impl Connection {
             }
             (Some(Some(Some(refusal))), _) => self.refused(refusal),
             _ => Err(LinkError::StillStopped),
+        }
+    }
+
+    /// Ends with the faults or the stop that telemetry states, which came too late to be cleared.
+    fn not_cleared<T>(&mut self, newest: &Telemetry) -> Result<T, LinkError> {
+        match LinkError::of_idle(newest) {
+            Some(error) => Err(error),
+            None => self.refused(Refusal::Stopped),
         }
     }
 

@@ -379,7 +379,11 @@ impl Cockpit {
             self.note(now, Weight::Alarm, &stop.to_string());
         }
         self.late = sample.late();
-        Floor::observe(&mut self.floor, sample);
+        let doubt = Floor::observe(&mut self.floor, sample);
+        if let Some((floor, doubt)) = self.floor.as_mut().zip(doubt) {
+            floor.hold(false);
+            self.abandon(&format!("no heading is held any more: {doubt}"), client, now);
+        }
         self.steer(client, now);
         let Some(floor) = &mut self.floor else { return };
         if let Some(turn) = floor.curve() {

@@ -8,7 +8,7 @@ use flix_protocol::message::Setpoint;
 use flix_protocol::units::{Hertz, Instant};
 
 use super::paper_modes::PaperMode;
-use crate::nav::{PlanarPose, Position, wrap};
+use crate::nav::{Commanded, EndReason, PlanarPose, Plausibility, Position, wrap};
 use crate::pose::{Pose, PoseSample};
 
 /// Distance between two points of the way, m.
@@ -23,6 +23,8 @@ const UNSEEN_AFTER: Duration = Duration::from_millis(500);
 const TURNS_AT: f64 = PI / 18.0;
 /// Error of the heading at which it walks on, rad (3 degrees).
 const WALKS_AT: f64 = PI / 60.0;
+/// Yaw rate of a turn that is expected, rad/s: of the paper's turns.
+const TURN_RATE: f64 = 1.5;
 /// Turn on a walk forward that is called a curve, rad (20 degrees).
 const CURVE: f64 = PI / 9.0;
 
@@ -37,6 +39,9 @@ pub struct Floor {
     pub way: VecDeque<Position>,
     time: Instant,
     hold: Option<Hold>,
+    /// Pair that was commanded last, by which the robot walks.
+    commanded: Setpoint,
+    plausibility: Plausibility,
     /// Heading at which the present walk forward began; none once its curve was reported.
     forward_from: Option<f64>,
 }
@@ -49,17 +54,23 @@ struct Hold {
 }
 
 impl Floor {
-    /// Takes a trusted pose; other poses leave everything as it is.
-    pub fn observe(floor: &mut Option<Self>, sample: &PoseSample) {
-        let Some(pose) = sample.trusted() else { return };
+    /// Takes a trusted pose; other poses leave everything as it is. Returns why no heading can be held by these poses.
+    pub fn observe(floor: &mut Option<Self>, sample: &PoseSample) -> Option<EndReason> {
+        let pose = sample.trusted()?;
         let floor = floor.get_or_insert_with(|| Self {
             pose,
             body: sample.pose,
             way: VecDeque::from([pose.position()]),
             time: sample.time,
             hold: None,
+            commanded: Setpoint::REST,
+            plausibility: Plausibility::default(),
             forward_from: None,
         });
+        let passed = sample.time.since(floor.time).as_secs_f64();
+        if !floor.believes(sample.time, pose, passed) {
+            return floor.plausibility.end();
+        }
         (floor.pose, floor.body, floor.time) = (pose, sample.pose, sample.time);
         if floor.way.back().is_none_or(|last| last.distance_to(pose.position()) >= STEP) {
             if floor.way.len() == LONGEST {
@@ -67,6 +78,21 @@ impl Floor {
             }
             floor.way.push_back(pose.position());
         }
+        floor.plausibility.end()
+    }
+
+    /// Returns whether a robot that keeps a heading can be there by its commands. Another one may be carried, and shows where.
+    fn believes(&mut self, time: Instant, pose: PlanarPose, passed: f64) -> bool {
+        if self.hold.is_none() || self.commanded == Setpoint::REST {
+            self.plausibility = Plausibility::default();
+        }
+        let turns = |turn: f64| Commanded::Moved([[0.0, 0.0, turn * TURN_RATE * passed]; 2]);
+        let commanded = match self.commanded {
+            left if left == PaperMode::LeftTurn.setpoint() => turns(1.0),
+            right if right == PaperMode::RightTurn.setpoint() => turns(-1.0),
+            _ => Commanded::Walks,
+        };
+        self.plausibility.observe(time, pose, commanded)
     }
 
     /// Returns the heading that is held, rad.
@@ -104,6 +130,11 @@ impl Floor {
     /// Returns the pair that keeps the heading of a walk: `setpoint` itself, or a turn back to the heading with the same shaking
     /// frequency. At rest, and with poses older than 0.1 s, returns `setpoint`.
     pub fn steer(&mut self, now: Instant, setpoint: Setpoint) -> Setpoint {
+        self.commanded = self.steered(now, setpoint);
+        self.commanded
+    }
+
+    fn steered(&mut self, now: Instant, setpoint: Setpoint) -> Setpoint {
         let is_walking = setpoint.frequency() != Hertz::ZERO;
         let Some(hold) = self.hold.as_mut().filter(|_| is_walking) else { return setpoint };
         if now.since(self.time) > POSE_DEADLINE {
@@ -148,11 +179,13 @@ mod tests {
         let mut floor = seen(&at(0, 3.0));
         floor.hold(true);
         let forward = PaperMode::Forward.setpoint();
+        let mut now = 0;
         let mut steered = |heading: f64| {
+            now += 10;
             let mut some = Some(floor.clone());
-            Floor::observe(&mut some, &at(10, heading));
+            Floor::observe(&mut some, &at(now, heading));
             floor = some.unwrap();
-            floor.steer(Instant::from_micros(20_000), forward)
+            floor.steer(Instant::from_micros(1000 * now), forward)
         };
         assert_eq!(steered(3.1), forward);
         // Across the wrap: 0.28 rad to the left of it.
@@ -163,7 +196,29 @@ mod tests {
             "it turns until it is well within"
         );
         assert_eq!(steered(3.03), forward);
-        assert_eq!(steered(2.7), PaperMode::LeftTurn.setpoint());
+        assert_eq!(steered(2.75), PaperMode::LeftTurn.setpoint());
+    }
+
+    /// Why no heading is held any more where each pose of 3 s shows this heading, by the time, s; the robot is turned to the left.
+    fn doubt(heading: impl Fn(f64) -> f64) -> Option<EndReason> {
+        let mut floor = None;
+        (0..300).find_map(|number| {
+            let (now, seconds) = (10 * number, 0.01 * number as f64);
+            let doubt = Floor::observe(&mut floor, &at(now, heading(seconds)));
+            let floor = floor.as_mut().unwrap();
+            floor.hold = Some(Hold { heading: 2.0, is_turning: false });
+            floor.steer(Instant::from_micros(1000 * now), PaperMode::Forward.setpoint());
+            doubt
+        })
+    }
+
+    #[test]
+    fn a_heading_that_jumps_or_turns_against_the_commands_is_held_no_more() {
+        assert_eq!(doubt(|seconds| 0.3 * seconds), None, "a slow turn to the left");
+        assert!(matches!(doubt(|s| -0.3 * s), Some(EndReason::NotAnswering { .. })));
+        assert!(matches!(doubt(|_| 0.0), Some(EndReason::NotMoving { .. })));
+        let flipped = doubt(|s| 0.5 * s + if s > 1.0 { PI } else { 0.0 });
+        assert!(matches!(flipped, Some(EndReason::Jumped { .. })), "{flipped:?}");
     }
 
     #[test]

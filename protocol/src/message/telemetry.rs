@@ -157,15 +157,15 @@ pub struct Telemetry {
     pub operator: OperatorName,
     /// Who latched the stop, while it is.
     pub stopped_by: Option<OperatorName>,
-    /// When the robot was asked to stop for the last time, on its clock, while the stop is latched.
-    pub stopped_at: Option<Instant>,
+    /// When the robot was last asked to stop, or a fault was last latched, on its clock, while a stop or a fault is latched.
+    pub latched_at: Option<Instant>,
 }
 
 impl Telemetry {
-    /// Returns how long ago the robot was asked to stop for the last time, where a stop is latched.
+    /// Returns how long ago the robot was last asked to stop, or a fault was last latched, where either is.
     #[must_use]
-    pub fn stopped_for(&self) -> Option<Duration> {
-        self.stopped_at.map(|at| self.time.since(at))
+    pub fn latched_for(&self) -> Option<Duration> {
+        self.latched_at.map(|at| self.time.since(at))
     }
 }
 

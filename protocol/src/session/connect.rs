@@ -20,8 +20,8 @@ pub enum ConnectError {
     /// The robot uses another version: its number. The same number means that one end was changed
     /// without incrementing it.
     OtherVersion(u16),
-    /// This other operator holds the robot.
-    Busy(OperatorName),
+    /// This other operator holds the robot; `None`: another program with the same key.
+    Busy(Option<OperatorName>),
     /// The robot has no key yet.
     Unprovisioned,
 }
@@ -47,7 +47,10 @@ impl fmt::Display for ConnectError {
                 f,
                 "the robot uses another build of version {robot} of the protocol: update the robot's firmware and this program to one release"
             ),
-            Self::Busy(holder) => write!(
+            Self::Busy(None) => f.write_str(
+                "you hold the robot already, with another program or from another address: end that program, or wait for a second",
+            ),
+            Self::Busy(Some(holder)) => write!(
                 f,
                 "another operator holds the robot, {holder}: wait until it disconnects or is silent for a second"
             ),

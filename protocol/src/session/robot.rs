@@ -322,8 +322,8 @@ impl RobotSession {
         };
         let signer = &credential.handshake;
         let cookies = match purpose {
-            Some(Purpose::Drive) => match self.holder_against(now, from, key_id) {
-                Some(holder) => return held(client_nonce, holder, signer),
+            Some(Purpose::Drive) => match self.held_against(now, from, key_id) {
+                Some(holder) => return held(client_nonce, key_id, holder, signer),
                 None => &self.cookies,
             },
             Some(Purpose::Stop) => &self.stop_cookies,
@@ -354,8 +354,8 @@ impl RobotSession {
         else {
             return RobotReceived::Dropped(DropReason::Replayed, None);
         };
-        if let Some(holder) = self.holder_against(now, from, key_id) {
-            return held(client_nonce, holder, signer);
+        if let Some(holder) = self.held_against(now, from, key_id) {
+            return held(client_nonce, key_id, holder, signer);
         }
         // From here on it costs two multiplications on the curve: one try for each cookie.
         self.cookies = Cookies::new(&mut self.entropy);
@@ -502,17 +502,12 @@ impl RobotSession {
         }
     }
 
-    /// Returns who else holds the session and was received recently. Only the holder's own key at the
-    /// holder's own address is the holder.
-    fn holder_against(
-        &self,
-        now: Instant,
-        from: SocketAddr,
-        key_id: &KeyId,
-    ) -> Option<OperatorName> {
+    /// Returns a session that is not that of this address and key, if it was heard recently. Only the holder's own key
+    /// at the holder's own address is the holder.
+    fn held_against(&self, now: Instant, from: SocketAddr, key_id: &KeyId) -> Option<&Holder> {
         let holder = self.holder.as_ref()?;
         let is_other = holder.peer != from || holder.key_id != *key_id;
-        (is_other && now.since(holder.heard) < HOLDER_SILENCE).then_some(holder.name)
+        (is_other && now.since(holder.heard) < HOLDER_SILENCE).then_some(holder)
     }
 }
 
@@ -534,9 +529,10 @@ fn refuse(
     RobotReceived::Dropped(reason, Some(answer))
 }
 
-/// Refuses because this operator holds the session.
-fn held(client_nonce: &Nonce, holder: OperatorName, signer: &Signer) -> RobotReceived {
-    let answer = frame::held(client_nonce, holder, |signed| signer.tag(signed, &[]));
+/// Refuses, to whoever has this key, because this one holds the session.
+fn held(client_nonce: &Nonce, key_id: &KeyId, holder: &Holder, signer: &Signer) -> RobotReceived {
+    let other = (holder.key_id != *key_id).then_some(holder.name);
+    let answer = frame::held(client_nonce, other, |signed| signer.tag(signed, &[]));
     RobotReceived::Dropped(DropReason::Busy, Some(answer))
 }
 

@@ -69,7 +69,7 @@ pub(crate) fn telemetry(time: u64) -> ToOperator {
         link: LinkQuality { dropped: Dropped::default(), ..Default::default() },
         operator: OperatorName::OWNER,
         stopped_by: None,
-        stopped_at: None,
+        latched_at: None,
     })
 }
 

@@ -4,14 +4,18 @@
 use std::time::Duration;
 
 use flix_firmware::robot::UNPROVISIONED;
-use flix_protocol::provision::Request;
+use flix_host::link::joining::{JoinError, PATIENCE, Wait};
+use flix_protocol::provision::{Answer, JoinFailure, NetworkAddress, Provisioning, Request};
 use serde::Serialize;
 
 use crate::rig::{Rig, RigError};
 use flix_esp32c6::chip::ResetReason;
 use flix_esp32c6::cycles;
 use flix_esp32c6::marks::Memory;
-use flix_esp32c6::network::{DISCOVER, DhcpTrouble, NAME, PASSPHRASE, REQUEST, Silence, key_of};
+use flix_esp32c6::network::{
+    AccessPoint, DISCOVER, DhcpTrouble, ENTERPRISE_NAME, LATIN_NAME, NAME, PASSPHRASE, REQUEST,
+    Silence,
+};
 
 /// From the connection to an address, of which the first message was lost.
 const ADDRESS: Duration = Duration::from_secs(5);
@@ -37,6 +41,12 @@ const WRONG: Duration = Duration::from_secs(600);
 const QUICK_WRONG: Duration = Duration::from_secs(12);
 /// A robot whose password is right again is connected by then: the longest wait, an attempt with the wrong one, one more.
 const RIGHT_AGAIN: Duration = Duration::from_secs(40);
+/// A network that is not there.
+const ABSENT: &str = "lab-5G";
+/// How often the robot is asked over the cable how far it is.
+const ASK: Duration = Duration::from_millis(250);
+/// From the connection to the next one without an address in between.
+const REASSOCIATION: Duration = Duration::from_secs(70);
 /// What the robot is called in DHCP.
 const HOST_NAME: &str = "flix-walker";
 const OTHER_PASSPHRASE: &str = "another pass phrase";
@@ -54,6 +64,8 @@ pub struct Join {
     pub retried_after_s: f64,
     /// From the first of several to a connection by a driver that was made anew, s.
     pub renewed_after_s: f64,
+    /// From provisioning to what the cable states: a wrong password, no such network, no DHCP, an address, s.
+    pub stated_after_s: Vec<f64>,
     /// From a start without the radio to a connection, s.
     pub started_late_after_s: f64,
     /// From there to a restart, s; none in short.
@@ -82,12 +94,13 @@ pub fn try_all(rig: &mut Rig, is_quick: bool, progress: &dyn Fn(&str)) -> Result
 
 /// What is tried, in this order: its name, and how.
 type Scene = fn(&mut Join, &mut Rig, bool) -> Result<(), RigError>;
-const SCENES: [(&str, Scene); 6] = [
+const SCENES: [(&str, Scene); 7] = [
     ("a pass phrase, DHCP that loses and refuses", |join, rig, _| join.dhcp(rig)),
     ("the same network once more, and a refused lease", |join, rig, _| join.refusals(rig)),
     ("a wrong password", |join, rig, is_quick| {
         join.wrong_password(rig, if is_quick { QUICK_WRONG } else { WRONG })
     }),
+    ("what the cable states of a join", |join, rig, is_quick| join.cable(rig, is_quick)),
     ("attempts of which nothing comes", |join, rig, _| join.silence(rig)),
     ("a radio that does not start at first", |join, rig, _| join.late_start(rig)),
     ("a radio that only a restart helps", |join, rig, is_quick| match is_quick {
@@ -139,6 +152,22 @@ fn is_connected(rig: &Rig, from: usize) -> bool {
     rig.serial[from..].windows(text.len()).any(|window| window == text)
 }
 
+/// Asks over the cable until it is decided how the robot joins, as `flix provision` does; returns that, and when, s.
+fn stated(rig: &mut Rig) -> Result<(Result<NetworkAddress, JoinError>, f64), RigError> {
+    let (mut wait, began) = (Wait::default(), rig.chip.now());
+    loop {
+        let answer = rig.ask_serial(&Request::Network)?;
+        let waited = rig.chip.now() - began;
+        // An answer to a question before is passed over.
+        if let Answer::Network(state) = answer
+            && let Some(result) = wait.hear(state, waited)
+        {
+            return Ok((result, waited.as_secs_f64()));
+        }
+        rig.run(ASK)?;
+    }
+}
+
 impl Join {
     fn expect(&mut self, found: Option<f64>, what: &str, limit: Duration) -> f64 {
         found.unwrap_or_else(|| {
@@ -150,6 +179,7 @@ impl Join {
     fn dhcp(&mut self, rig: &mut Rig) -> Result<(), RigError> {
         rig.chip.network.trouble = DhcpTrouble { lost: 1, refuses: false, has_refuser: true };
         rig.until_log("invitation to provision", "flix provision")?;
+        self.hears_all(rig, 1)?;
         let provisioning = rig.provisioning(None)?;
         rig.ask_serial(&Request::Provision(provisioning, rig.operator()))?;
         let began = rig.chip.now();
@@ -185,6 +215,25 @@ impl Join {
         Ok(())
     }
 
+    /// Asks over the cable for the access points that the robot hears.
+    fn hears_all(&mut self, rig: &mut Rig, number: u8) -> Result<(), RigError> {
+        let began = rig.chip.now();
+        let heard = loop {
+            match rig.ask_serial(&Request::Scan { number, from: 0 })? {
+                Answer::Networks(Some(heard)) => break heard.networks,
+                _ if rig.chip.now() > began + RETRY => break Default::default(),
+                _ => rig.run(ASK)?,
+            }
+        };
+        let mut there = AccessPoint::all();
+        there.sort_by_key(|it| -it.dbm);
+        let found = heard.iter().map(|it| (it.name.as_bytes(), it.channel, i32::from(it.dbm)));
+        if !found.eq(there.iter().map(|it| (&it.name[..], it.channel, it.dbm))) {
+            self.failures.push(format!("scan {number} hears {heard:?}, not {there:?}"));
+        }
+        Ok(())
+    }
+
     /// Waits until the robot has reported its group once more.
     fn group_report(&mut self, rig: &mut Rig, reports: u64) -> Result<(), RigError> {
         let is_reported = |rig: &mut Rig| rig.chip.network.group_reports > reports;
@@ -207,6 +256,7 @@ impl Join {
         }
         rig.chip.network.trouble.refuses = false;
         reconnect(rig)?;
+        self.hears_all(rig, 2)?;
         rig.connect()?;
         rig.is_alone = true;
         Ok(())
@@ -246,6 +296,43 @@ impl Join {
         Ok(())
     }
 
+    /// The robot is given other words over its cable, and states there how it joins.
+    fn cable(&mut self, rig: &mut Rig, is_quick: bool) -> Result<(), RigError> {
+        let lease = rig.lease();
+        let (address, prefix_length) = (lease.address, lease.prefix_length);
+        let address = NetworkAddress { address, prefix_length, is_fixed: false };
+        let [name, absent, school] = [NAME, ABSENT, ENTERPRISE_NAME].map(str::as_bytes);
+        for (network, password, has_dhcp, expected) in [
+            (name, OTHER_PASSPHRASE, true, Err(JoinError::Failed(JoinFailure::Password))),
+            (absent, PASSPHRASE, true, Err(JoinError::Failed(JoinFailure::Absent))),
+            (school, PASSPHRASE, true, Err(JoinError::Failed(JoinFailure::Security))),
+            (LATIN_NAME, PASSPHRASE, true, Ok(address)),
+            (name, PASSPHRASE, false, Err(JoinError::NoAddress(20))),
+            (absent, OTHER_PASSPHRASE, true, Err(JoinError::Failed(JoinFailure::Absent))),
+            (name, PASSPHRASE, true, Ok(address)),
+        ] {
+            rig.chip.network.trouble.lost = if has_dhcp { 0 } else { u32::MAX };
+            let provisioning = Provisioning::new("walker", network, password, None)
+                .map_err(|error| RigError::Fault(error.to_string()))?;
+            rig.ask_serial(&Request::Provision(provisioning, rig.operator()))?;
+            let (stated, after_s) = stated(rig)?;
+            self.stated_after_s.push(after_s);
+            if stated != expected || after_s > PATIENCE.as_secs_f64() {
+                let sentence = format!("the cable states {stated:?}, not {expected:?},");
+                let network = network.escape_ascii();
+                self.failures.push(format!("{sentence} {after_s:.1} s after {network} was given"));
+            }
+            if !(has_dhcp || is_quick) {
+                let from = rig.serial.len();
+                let again = wait_for(rig, REASSOCIATION, |rig| is_connected(rig, from))?;
+                self.expect(again, "new connection without an address", REASSOCIATION);
+            }
+        }
+        rig.connect()?;
+        rig.is_alone = true;
+        Ok(())
+    }
+
     fn restart(&mut self, rig: &mut Rig) -> Result<(), RigError> {
         rig.chip.network.silence = Silence::UntilRestarted;
         lose(rig)?;
@@ -268,14 +355,14 @@ impl Join {
     }
 
     fn wrong_password(&mut self, rig: &mut Rig, time: Duration) -> Result<(), RigError> {
-        rig.chip.network.key = key_of(NAME, OTHER_PASSPHRASE);
+        rig.chip.network.change_passphrase(OTHER_PASSPHRASE);
         let resets = rig.resets.len();
         lose(rig)?;
         rig.run(time)?;
         if rig.resets.len() > resets {
             self.failures.push("the chip restarts while the password is wrong".to_owned());
         }
-        rig.chip.network.key = key_of(NAME, PASSPHRASE);
+        rig.chip.network.change_passphrase(PASSPHRASE);
         let from = rig.serial.len();
         let found = wait_for(rig, RIGHT_AGAIN, |rig| is_connected(rig, from))?;
         self.expect(found, "connection with the right password", RIGHT_AGAIN);

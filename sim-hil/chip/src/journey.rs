@@ -185,7 +185,9 @@ impl Desk<'_> {
         self.stop()?;
         self.second_operator()?;
         self.serial(&["provision", "--forget"], DONE, "flix provision")?;
-        self.flix(&["status", ROBOT, "--json"], NOT_LET_IN)?;
+        let former = self.home.join(format!("flix/robots/{ROBOT}.forgotten"));
+        let former = former.to_string_lossy().into_owned();
+        self.flix(&["status", ROBOT, "--key", &former, "--json"], NOT_LET_IN)?;
         self.serial(&["provision", "--operators"], NOT_PROVISIONED, "")?;
         Ok(())
     }

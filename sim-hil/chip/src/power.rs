@@ -19,6 +19,8 @@ use flix_esp32c6::image::{Image, STORE};
 const WRITTEN: [f64; 1] = [0.5];
 /// How much of an erasure is done when power goes: nothing yet at first, at last every cell reads as erased.
 const ERASED: [f64; 6] = [0.0, 0.02, 0.5, 0.95, 0.999, 1.0];
+/// Of these, in the short form.
+const QUICK_ERASED: [f64; 3] = [0.0, 0.5, 0.999];
 /// So many saves have written to every sector of the store.
 const SECTORS: usize = 6;
 /// Chance that a cell fades before a start whose change was cut.
@@ -58,6 +60,7 @@ struct Subject<'a> {
     encoder: EncoderKind,
     seed: u64,
     stride: usize,
+    erased: &'static [f64],
     until_failure: bool,
     progress: &'a dyn Fn(&str),
     cuts: Cuts,
@@ -102,7 +105,7 @@ impl Subject<'_> {
             let of = operations.len();
             (self.progress)(&format!("power cut in operation {} of {of} of {what}", number + 1));
             let is_write = matches!(operations[number], Operation::Program { .. });
-            let shares = if is_write { &WRITTEN[..] } else { &ERASED };
+            let shares = if is_write { &WRITTEN } else { self.erased };
             for share in shares {
                 if self.is_over() {
                     return Ok(rig.chip.flash().clone());
@@ -177,7 +180,9 @@ pub fn cut_all(
     progress: &dyn Fn(&str),
 ) -> Result<Cuts, RigError> {
     let cuts = Cuts::default();
-    let mut subject = Subject { image, encoder, seed, stride, until_failure, progress, cuts };
+    let erased: &[f64] = if stride == 1 || until_failure { &ERASED } else { &QUICK_ERASED };
+    let mut subject =
+        Subject { image, encoder, seed, stride, erased, until_failure, progress, cuts };
     let empty = flix_esp32c6::image::programmed_flash();
     let provision = |key: [u8; 32]| {
         move |rig: &mut Rig| {

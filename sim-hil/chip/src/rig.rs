@@ -22,7 +22,7 @@ use flix_esp32c6::chip::{Chip, ResetReason, Stop};
 use flix_esp32c6::cycles;
 use flix_esp32c6::flash::Flash;
 use flix_esp32c6::image::{Image, programmed_flash};
-use flix_esp32c6::network::{ACCESS_POINTS, Datagram, NAME, PASSPHRASE};
+use flix_esp32c6::network::{AccessPoint, Datagram, NAME, PASSPHRASE};
 
 /// How long is waited for what the serial port or telemetry shows: an answer, a restart.
 pub const PATIENCE: Duration = Duration::from_secs(20);
@@ -131,9 +131,10 @@ pub struct Rig {
     weakest_signal_dbm: Option<i32>,
 }
 
-/// The strongest access point's power, dBm.
+/// Power of the strongest access point of the network, dBm.
 fn strongest_dbm() -> i32 {
-    ACCESS_POINTS.iter().map(|(_, dbm)| *dbm).max().unwrap_or(0)
+    let all = AccessPoint::all().into_iter().filter(|it| it.name == NAME.as_bytes());
+    all.map(|it| it.dbm).max().unwrap_or(0)
 }
 
 impl Rig {

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use flix_firmware::hardware::{Magnet, TICK_US};
+use flix_firmware::link::MAGNET_SHOWN;
 use flix_host::link::RobotLink;
 use flix_host::teleop::paper_modes::PaperMode;
 use flix_protocol::message::{Command, Telemetry};
@@ -257,23 +258,29 @@ impl Battery {
     }
 }
 
-/// Makes the magnet of one encoder after the other too weak, then too strong, and good again; returns what the robot does not
-/// report of it.
+/// Makes the magnet of one encoder after the other too weak, then too strong, then both good again; returns what the robot does
+/// not report of it. Each magnet is reported as the worst that it was within [`MAGNET_SHOWN`].
 pub fn magnet_failures(rig: &mut Rig) -> Result<Vec<String>, RigError> {
     let mut failures = Vec::new();
+    let mut wanted = [Magnet::Good; 2];
+    let mut look = |rig: &mut Rig, wanted, patience| {
+        rig.run(patience)?;
+        rig.request(Command::Ping(0))?;
+        let found = rig.telemetry().map(|telemetry| telemetry.encoders.map(|it| it.magnet));
+        if found != Some(wanted) {
+            failures.push(format!("magnets that are {wanted:?} are reported as {found:?}"));
+        }
+        Ok::<(), RigError>(())
+    };
     for motor in [0, 1] {
-        for magnet in [Magnet::Weak, Magnet::Strong, Magnet::Good] {
+        for magnet in [Magnet::Weak, Magnet::Strong] {
             rig.chip.outside().magnets[motor] = magnet;
-            rig.run(MAGNET_PATIENCE)?;
-            rig.request(Command::Ping(0))?;
-            let found = rig.telemetry().map(|telemetry| telemetry.encoders.map(|it| it.magnet));
-            let mut wanted = [Magnet::Good; 2];
             wanted[motor] = magnet;
-            if found != Some(wanted) {
-                failures.push(format!("magnets that are {wanted:?} are reported as {found:?}"));
-            }
+            look(rig, wanted, MAGNET_PATIENCE)?;
         }
     }
+    rig.chip.outside().magnets = [Magnet::Good; 2];
+    look(rig, [Magnet::Good; 2], MAGNET_SHOWN + MAGNET_PATIENCE)?;
     Ok(failures)
 }
 

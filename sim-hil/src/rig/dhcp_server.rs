@@ -66,8 +66,10 @@ impl DhcpServer {
     pub fn answer(&self, frame: &[u8]) -> Option<Vec<u8>> {
         if frame.get(12..14)? == [0x08, 0x06] {
             let asked = <[u8; 4]>::try_from(frame.get(38..42)?).ok().map(Ipv4Addr::from)?;
+            // Nobody but the client has the address that is given.
             let is_here = self.source == asked || self.routers.contains(&asked);
-            return is_here.then(|| arp(Arp::Reply, CARD, asked, self.given));
+            return (is_here && asked != self.given)
+                .then(|| arp(Arp::Reply, CARD, asked, self.given));
         }
         let message = message(frame)?;
         let kind = match message.get(242)? {

@@ -103,6 +103,8 @@ pub struct Network {
     pub stack: Stack<'static>,
     /// The robot's stack, to read its addresses.
     pub robot: Stack<'static>,
+    /// What stands before the robot's driver.
+    pub guard: &'static Guard,
     /// What lies between the two.
     pub wire: Rc<Wire>,
     links: [StateRunner<'static>; 2],
@@ -167,6 +169,7 @@ pub fn play_with<Scenario: Future>(
     let scenario = scenario(Network {
         stack: operator,
         robot,
+        guard: guards[0],
         wire: wire.clone(),
         links: [robot_link, operator_link],
     });

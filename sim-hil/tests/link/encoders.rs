@@ -68,8 +68,10 @@ fn a_magnet_out_of_range_is_told_once_and_shown_throughout() {
             bench.wait(Duration::from_millis(100));
             assert_eq!(bench.telemetry().encoders[motor].magnet, magnet);
             bench.wait(Duration::from_millis(300));
-            assert_eq!(bench.telemetry().encoders[motor].magnet, Magnet::Good);
+            assert_eq!(bench.telemetry().encoders[motor].magnet, magnet, "of the last seconds");
         }
+        bench.hold(Order::Off, Duration::from_secs(5));
+        assert_eq!(bench.telemetry().encoders[motor].magnet, Magnet::Good);
         let reported = Event::Magnet { motor: motor as u8, magnet };
         assert_eq!(bench.events().iter().filter(|event| **event == reported).count(), 1);
         assert!(bench.robot.report().faults.is_empty());

@@ -33,7 +33,12 @@ fn a_setting_is_tried_until_power_off_and_kept_when_saved() {
     bench.restart();
     let forgotten = value(&mut bench, "over_speed");
     bench.say(set("over_speed", 60.0));
-    assert_eq!(bench.say(Command::Parameter(ParameterCommand::Save)), Outcome::Done);
+    // Rotors that may still turn brake first.
+    let save = Command::Parameter(ParameterCommand::Save);
+    let stopping = Outcome::Refused(Refusal::State(State::Stopping));
+    assert_eq!(bench.say(save.clone()), stopping);
+    bench.wait(Duration::from_millis(20));
+    assert_eq!(bench.say(save), Outcome::Done);
     bench.restart();
     let kept = value(&mut bench, "over_speed");
     assert_eq!([tried, forgotten, kept], [60.0, Settings::DEFAULT.over_speed, 60.0]);

@@ -37,6 +37,7 @@ use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use embassy_net::StackResources;
 use embassy_time::Timer;
 use esp_hal::clock::CpuClock;
+use esp_hal::efuse::{InterfaceMacAddress, interface_mac_address};
 use esp_hal::rng::{Rng, Trng};
 use esp_hal::timer::timg::TimerGroup;
 use esp_radio::wifi::{Interface, WifiController};
@@ -99,7 +100,10 @@ async fn main(spawner: Spawner) {
     // Without a table the store has no room: settings then stay at their defaults, with a fault.
     let region = flash.region().unwrap_or(0..0);
     let store = &*STORE.init(RefCell::new(FlashStore::new(flash, region)));
-    let mut provisioner = Provisioner::new(Entry::new(store, flash::PROVISIONING), BOARD.hardware);
+    let entry = Entry::new(store, flash::PROVISIONING);
+    let address = interface_mac_address(InterfaceMacAddress::Station);
+    let address = address.as_bytes().try_into().unwrap_or_default();
+    let mut provisioner = Provisioner::new(entry, BOARD.hardware, address);
     provisioner.set_reset(reset.clone());
     if let Err(error) = provisioner.loaded() {
         log!("provisioning: {error}: provision the robot again");
@@ -146,6 +150,7 @@ async fn main(spawner: Spawner) {
         }
         (None, _) => {
             log!("{UNPROVISIONED}");
+            spawn(spawner, "the radio", network::only_listen(exchange));
             robot.run_alone().await
         }
     }
@@ -197,7 +202,7 @@ async fn operate(
         seed,
     );
     spawn(spawner, "the network", network::run_stack(runner));
-    let connected = network::stay_connected(radio, provisioning, robot.shared());
+    let connected = network::stay_connected(radio, stack, guard, provisioning, robot.shared());
     spawn(spawner, "the radio", connected);
     net::serve(stack, guard, provisioning.name(), &mut robot).await
 }

@@ -3,25 +3,34 @@
 //! What is tried when is [`joining`]'s; this does it.
 
 use core::cell::Cell;
+use core::hash::{Hash, Hasher};
 
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
-use embassy_net::{Config, Ipv4Cidr, Runner, StaticConfigV4};
+use embassy_net::{Config, Ipv4Cidr, Runner, Stack, StaticConfigV4};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use esp_hal::peripherals::WIFI;
+use esp_radio::wifi::ap::AccessPointInfo;
+use esp_radio::wifi::scan::{ScanConfig, ScanTypeConfig};
 use esp_radio::wifi::sta::{ScanMethod, StationConfig};
 use esp_radio::wifi::{
-    AuthenticationMethodConfig, Config as WifiConfig, ConnectionError, ControllerConfig,
-    DisconnectReason, Interface, PowerSaveMode, WifiController,
+    AuthenticationMethod, AuthenticationMethodConfig, Config as WifiConfig, ConnectionError,
+    ControllerConfig, DisconnectReason, Interface, PowerSaveMode, Ssid, WifiController,
 };
 
-use flix_firmware::joining::{self, ATTEMPT, Credential, Joining, Next};
-use flix_firmware::neighbours::Guarded;
+use flix_firmware::joining::{
+    self, ADDRESS_PATIENCE, ATTEMPT, Connection, Credential, Joining, News, Next, SILENCE,
+};
+use flix_firmware::mdns;
+use flix_firmware::neighbours::{Guard, Guarded, Rival};
 use flix_firmware::net;
-use flix_protocol::network_key::{KeyDigits, NetworkKey};
-use flix_protocol::provision::Provisioning;
+use flix_protocol::network_key::{KeyDigits, NETWORK_LENGTH, NetworkKey};
+use flix_protocol::network_name::NetworkName;
+use flix_protocol::provision::{
+    HeardNetwork, HeardSecurity, JoinFailure, NetworkAddress, Provisioning,
+};
 
 use crate::chip;
 use crate::log::{self, log};
@@ -29,14 +38,14 @@ use crate::serial;
 use crate::shared::Shared;
 use crate::watchdog::Window;
 
-/// How often a robot whose motors are driven looks whether it may connect.
+/// How often a robot that waits looks whether it may connect, or has to listen for access points.
 const IDLE_INTERVAL: Duration = Duration::from_millis(100);
 /// A driver that is asked to end a try has so long to say so.
 const FAREWELL: Duration = Duration::from_secs(1);
 /// Rounds of a derivation before others get a turn: some milliseconds.
 const ROUNDS_AT_ONCE: u32 = 64;
-/// How often the radio's power is read.
-const SIGNAL_INTERVAL: Duration = Duration::from_secs(1);
+/// How often the radio's power and the robot's address are read.
+const LOOK_INTERVAL: Duration = Duration::from_millis(250);
 
 /// Transmit power, in quarters of a decibel: 15 dBm. The driver's own 5 dBm are for a table; above 16 dBm it has been seen
 /// to fail to authenticate (esp-radio 1.0.0-beta.1, `set_max_tx_power`).
@@ -46,6 +55,10 @@ const TRANSMIT_POWER: i8 = 60;
 /// connected driver takes some 50 KiB besides. No fewer than the receiver's own buffers, which are as many here, and those
 /// no fewer than the 6 frames that are acknowledged at once (esp-radio 1.0.0-beta.1, `ControllerConfig`).
 const BUFFERS: u8 = 8;
+
+/// Least and most time to listen on a channel (ESP-IDF, `wifi_scan_time_t`: 120 ms at most by default). The driver's own default of
+/// 10 to 20 ms misses access points that answer late.
+const CHANNEL_MILLISECONDS: [u64; 2] = [60, 120];
 
 /// Radio power as last received, dBm.
 pub(crate) static SIGNAL: Mutex<CriticalSectionRawMutex, Cell<Option<i8>>> =
@@ -64,15 +77,15 @@ pub(crate) fn start(wifi: WIFI<'static>) -> Option<WifiController<'static>> {
         .ok()
 }
 
-/// Starts the radio once more.
+/// Starts the radio once more, or late.
 #[expect(unsafe_code, reason = "the driver keeps the peripheral that it was given")]
 fn start_again() -> Option<WifiController<'static>> {
-    // SAFETY: the driver that had the peripheral was dropped, and nobody else has it.
+    // SAFETY: the only other user of the peripheral is an earlier driver, which is never made or was dropped.
     start(unsafe { WIFI::steal() })
 }
 
 /// Returns the network's name and this password for the driver; `None` when they are longer than Wi-Fi allows.
-fn station(network: &str, password: &str) -> Option<WifiConfig> {
+fn station(network: &NetworkName, password: &str) -> Option<WifiConfig> {
     let authentication = match password {
         "" => AuthenticationMethodConfig::Open,
         // The least that is accepted. An access point that offers WPA3 alone is not supported (esp-radio 1.0.0-beta.1,
@@ -80,16 +93,113 @@ fn station(network: &str, password: &str) -> Option<WifiConfig> {
         password => AuthenticationMethodConfig::Wpa2Personal(password.try_into().ok()?),
     };
     let station = StationConfig::default()
-        .with_ssid(network.try_into().ok()?)
+        .with_ssid(network.as_bytes().try_into().ok()?)
         .with_authentication(authentication)
         // The strongest access point of the network, not the first.
         .with_scan_method(ScanMethod::AllChannels);
     Some(WifiConfig::Station(station))
 }
 
+/// Listens for access points if the serial cable asks for it. `controller`: none where the radio did not start.
+async fn listen(controller: Option<&mut WifiController<'static>>, exchange: &Shared) {
+    if !(exchange.scan_is_due() && joining::may_try(exchange.state())) {
+        return;
+    }
+    let _window = Window::open();
+    let [min, max] = CHANNEL_MILLISECONDS.map(esp_hal::time::Duration::from_millis);
+    let config = ScanConfig::default()
+        .with_show_hidden(true)
+        .with_scan_type(ScanTypeConfig::Active { min, max });
+    let found = match controller {
+        None => None,
+        Some(controller) => {
+            let attempt = Duration::from_millis(ATTEMPT.as_millis() as u64);
+            match with_timeout(attempt, controller.scan_async(&config)).await {
+                Ok(Ok(found)) => Some(found),
+                failed => {
+                    log!("wi-fi: the radio does not listen: {:?}", failed.err());
+                    None
+                }
+            }
+        }
+    };
+    exchange.end_scan(found.as_ref().map(|found| found.iter().map(heard)));
+}
+
+/// Converts an access point of the driver to the entry that the serial cable carries.
+fn heard(found: &AccessPointInfo) -> HeardNetwork {
+    let security = match found.auth_method {
+        // The driver states WPA3 alone so, too, as it does not have it (esp-radio 1.0.0-beta.1, `AuthenticationMethod::from_raw`).
+        Some(AuthenticationMethod::None) | None => HeardSecurity::Open,
+        Some(AuthenticationMethod::Wep) => HeardSecurity::Wep,
+        Some(AuthenticationMethod::Wpa) => HeardSecurity::Wpa,
+        Some(AuthenticationMethod::Wpa2Personal | AuthenticationMethod::WpaWpa2Personal) => {
+            HeardSecurity::Wpa2
+        }
+        Some(AuthenticationMethod::Wpa2Wpa3Personal) => HeardSecurity::Wpa2Wpa3,
+        Some(AuthenticationMethod::Wpa3Personal) => HeardSecurity::Wpa3,
+        Some(
+            AuthenticationMethod::WpaEnterprise
+            | AuthenticationMethod::Wpa2Enterprise
+            | AuthenticationMethod::Wpa2Wpa3Enterprise
+            | AuthenticationMethod::Wpa3Enterprise
+            | AuthenticationMethod::Wpa3EntSuiteB192Bit,
+        ) => HeardSecurity::Enterprise,
+        Some(_) => HeardSecurity::Other,
+    };
+    let (name, dbm) = (bytes_of(&found.ssid), found.signal_strength);
+    HeardNetwork { name, channel: found.channel, dbm, security }
+}
+
+/// Returns the bytes of a network's name. The driver shows them as text alone, up to the first that is not UTF-8; but it hashes
+/// all 32 of them (esp-radio 1.0.0-beta.1, `Ssid`).
+fn bytes_of(ssid: &Ssid) -> NetworkName {
+    #[derive(Default)]
+    struct Bytes([u8; NETWORK_LENGTH]);
+    impl Hasher for Bytes {
+        fn write(&mut self, bytes: &[u8]) {
+            if let Ok(bytes) = bytes.try_into() {
+                self.0 = bytes;
+            }
+        }
+
+        fn finish(&self) -> u64 {
+            0
+        }
+    }
+    let mut bytes = Bytes::default();
+    ssid.hash(&mut bytes);
+    NetworkName::new(&bytes.0[..ssid.len().min(NETWORK_LENGTH)]).unwrap_or_default()
+}
+
+/// Waits, and listens for access points meanwhile.
+async fn wait_for(
+    wait: core::time::Duration,
+    mut controller: Option<&mut WifiController<'static>>,
+    exchange: &Shared,
+) {
+    let end = Instant::now() + wait.try_into().unwrap_or(IDLE_INTERVAL);
+    while Instant::now() < end {
+        listen(controller.as_deref_mut(), exchange).await;
+        Timer::at(end.min(Instant::now() + IDLE_INTERVAL)).await;
+    }
+}
+
+/// Starts the radio of a robot without a network whenever it has to listen for access points.
+#[embassy_executor::task]
+pub(crate) async fn only_listen(exchange: &'static Shared) {
+    loop {
+        if exchange.scan_is_due() && joining::may_try(exchange.state()) {
+            listen(start_again().as_mut(), exchange).await;
+        }
+        Timer::after(IDLE_INTERVAL).await;
+    }
+}
+
 /// Derives the network's key, a slice at a time: others run meanwhile.
 async fn derive(provisioning: &Provisioning) -> KeyDigits {
-    let mut derivation = NetworkKey::new(provisioning.network(), provisioning.password());
+    let mut derivation =
+        NetworkKey::new(provisioning.network().as_bytes(), provisioning.password());
     loop {
         if let Some(key) = derivation.advance(ROUNDS_AT_ONCE) {
             return key;
@@ -120,6 +230,8 @@ pub(crate) async fn run_stack(mut runner: Runner<'static, Guarded<Interface>>) {
 #[embassy_executor::task]
 pub(crate) async fn stay_connected(
     controller: WifiController<'static>,
+    stack: Stack<'static>,
+    guard: &'static Guard,
     provisioning: &'static Provisioning,
     exchange: &'static Shared,
 ) {
@@ -133,6 +245,7 @@ pub(crate) async fn stay_connected(
         while !joining::may_try(exchange.state()) {
             Timer::after(IDLE_INTERVAL).await;
         }
+        listen(controller.as_mut(), exchange).await;
         let password = match joining.credential() {
             Credential::Key => key.as_str(),
             Credential::Password => provisioning.password(),
@@ -149,12 +262,13 @@ pub(crate) async fn stay_connected(
                     log!("wi-fi: connected to {}", provisioning.network());
                     log_memory();
                     let since = Instant::now();
-                    watch(controller).await;
+                    watch(controller, stack, guard, provisioning, exchange).await;
                     joining.lost(since.elapsed().into())
                 }
                 Err(Failure::Reason(reason)) => {
-                    log!("wi-fi: cannot connect: {reason:?}{}", hint(reason));
-                    joining.failed(!is_absent(reason))
+                    let failure = failure(reason);
+                    log!("wi-fi: cannot connect: {reason:?} ({failure})");
+                    joining.failed(failure)
                 }
                 Err(Failure::Silence) => {
                     log!(
@@ -165,6 +279,7 @@ pub(crate) async fn stay_connected(
                 }
             },
         };
+        exchange.set_network(joining.state());
         let (Next::Retry(wait) | Next::Renew(wait) | Next::Restart(wait)) = next;
         match next {
             Next::Retry(_) => {}
@@ -178,7 +293,7 @@ pub(crate) async fn stay_connected(
             }
         }
         log!("wi-fi: next attempt in {} ms", wait.as_millis());
-        Timer::after(wait.try_into().unwrap_or(IDLE_INTERVAL)).await;
+        wait_for(wait, controller.as_mut(), exchange).await;
     }
 }
 
@@ -189,9 +304,10 @@ pub(crate) async fn start_late(exchange: &'static Shared) {
     let mut joining = Joining::new("");
     loop {
         let next = joining.silent();
+        exchange.set_network(joining.state());
         let (Next::Retry(wait) | Next::Renew(wait) | Next::Restart(wait)) = next;
         log!("wi-fi: next attempt to start the radio in {} ms", wait.as_millis());
-        Timer::after(wait.try_into().unwrap_or(IDLE_INTERVAL)).await;
+        wait_for(wait, None, exchange).await;
         if may_restart(exchange) {
             match (start_again(), next) {
                 (Some(_), _) => restart("the radio starts now", exchange).await,
@@ -212,7 +328,7 @@ async fn restart(why: &str, exchange: &Shared) {
 }
 
 fn may_restart(exchange: &Shared) -> bool {
-    joining::may_restart(exchange.state(), serial::silence())
+    joining::may_restart(exchange.settled(), serial::silence())
 }
 
 /// Why a try failed.
@@ -257,29 +373,21 @@ async fn connect(
     }
 }
 
-/// Returns whether there is no access point that could have refused anything.
-fn is_absent(reason: DisconnectReason) -> bool {
-    matches!(reason, DisconnectReason::NoAccessPointFound | DisconnectReason::BeaconTimeout)
-}
-
-/// Returns what a person may look at.
-fn hint(reason: DisconnectReason) -> &'static str {
+/// Returns the cause of a failed try that the radio's reason stands for.
+const fn failure(reason: DisconnectReason) -> JoinFailure {
     match reason {
-        DisconnectReason::NoAccessPointFound => {
-            " (no network of this name at 2.4 GHz: 5 GHz is not received)"
-        }
+        DisconnectReason::NoAccessPointFound
+        | DisconnectReason::NoAccessPointFoundInRssiThreshold
+        | DisconnectReason::BeaconTimeout => JoinFailure::Absent,
         DisconnectReason::NoAccessPointFoundWithCompatibleSecurity
-        | DisconnectReason::NoAccessPointFoundInAuthmodeThreshold => {
-            " (it has to offer WPA2: WPA3 alone is not supported)"
-        }
+        | DisconnectReason::NoAccessPointFoundInAuthmodeThreshold => JoinFailure::Security,
         DisconnectReason::FourWayHandshakeTimeout
         | DisconnectReason::HandshakeTimeout
         | DisconnectReason::MicFailure
         | DisconnectReason::AuthenticationFailed
-        | DisconnectReason::AuthenticationExpired => {
-            " (is the password right? WPA3 alone is not supported)"
-        }
-        _ => "",
+        | DisconnectReason::AuthenticationExpired => JoinFailure::Password,
+        DisconnectReason::AssociationTooMany => JoinFailure::Full,
+        _ => JoinFailure::Refused,
     }
 }
 
@@ -292,14 +400,53 @@ fn log_memory() {
     }
 }
 
-/// Reads the radio's power until the connection is gone.
-async fn watch(controller: &mut WifiController<'static>) {
-    let mut reason = None;
+/// Returns the robot's present address.
+fn address(stack: Stack<'_>, provisioning: &Provisioning) -> Option<NetworkAddress> {
+    let network = stack.config_v4()?.address;
+    let (address, prefix_length) = (network.address().octets(), network.prefix_len());
+    let is_fixed = provisioning.address().is_some();
+    Some(NetworkAddress { address, prefix_length, is_fixed })
+}
+
+/// Reads the radio's power and the robot's address until the connection is gone. Ends a connection that brings no address.
+async fn watch(
+    controller: &mut WifiController<'static>,
+    stack: Stack<'_>,
+    guard: &Guard,
+    provisioning: &Provisioning,
+    exchange: &Shared,
+) {
+    let (mut reason, mut connection, since) = (None, Connection::default(), Instant::now());
     while controller.is_connected() {
         let dbm = controller.rssi().ok().and_then(|dbm| i8::try_from(dbm).ok());
         SIGNAL.lock(|signal| signal.set(dbm.or(signal.get())));
+        let (held, address) = (since.elapsed().into(), address(stack, provisioning));
+        let news = connection.look(held, address, guard.silence());
+        exchange.set_network(connection.state());
+        if let Some(Rival { address, hardware }) = guard.rival() {
+            log!("wi-fi: another device, {hardware}, has the address {address}");
+        }
+        match news {
+            Some(News::Address(address)) => {
+                let host = mdns::host_name(provisioning.name());
+                log!("wi-fi: address {address}, host name {host}");
+            }
+            Some(News::NoAddress) => log!(
+                "wi-fi: no address for {} s: does this network have DHCP?",
+                ADDRESS_PATIENCE.as_secs()
+            ),
+            Some(News::Leave) => log!("wi-fi: still no address: connects anew"),
+            Some(News::Silent) => {
+                log!("wi-fi: no frame for {} s: connects anew", SILENCE.as_secs())
+            }
+            None => {}
+        }
+        if matches!(news, Some(News::Leave | News::Silent)) {
+            let _ = with_timeout(FAREWELL, controller.disconnect_async()).await;
+        }
+        listen(Some(&mut *controller), exchange).await;
         let gone = controller.wait_for_disconnect_async();
-        if let Either::First(Ok(info)) = select(gone, Timer::after(SIGNAL_INTERVAL)).await {
+        if let Either::First(Ok(info)) = select(gone, Timer::after(LOOK_INTERVAL)).await {
             reason = Some(info.reason);
         }
     }

@@ -58,7 +58,8 @@ pub(crate) async fn serve(
         let Ok(length) = port.read_async(&mut chunk).await else { continue };
         LAST_BYTE.lock(|last| last.set(Some(Moment::now())));
         for byte in &chunk[..length] {
-            let Some(response) = provisioner.receive(*byte, exchange.state()) else { continue };
+            let response = provisioner.receive(*byte, exchange.settled(), exchange);
+            let Some(response) = response else { continue };
             log::put(&response.frame);
             if response.changed {
                 log!("\r\nprovisioning: changed, starting anew");

@@ -1,7 +1,7 @@
 //! The slow half as the network task sees it: what crosses to and from the fast loop.
 
 use core::cell::Cell;
-use core::net::SocketAddr;
+use core::net::{Ipv4Addr, SocketAddr};
 
 use embassy_time::Timer;
 use flix_firmware::blackbox::Kept;
@@ -113,5 +113,9 @@ impl<S: SettingsStore> Station for SlowTask<S> {
 
     fn poll_at(&self) -> Option<Instant> {
         self.slow.poll_at(now())
+    }
+
+    fn meet_twin(&mut self, address: Ipv4Addr) {
+        log!("mdns: another robot has this name, at {address}: provision one of them with --name");
     }
 }

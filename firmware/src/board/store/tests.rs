@@ -89,6 +89,30 @@ fn power_may_go_at_any_word_and_old_or_new_remains() {
 }
 
 #[test]
+fn one_damaged_word_costs_nothing_that_is_kept() {
+    for saves in 0..SECTORS {
+        let mut saved = used(saves);
+        saved.save_and_sweep(PROVISIONING, NEW).unwrap();
+        let newest = saved.newest().unwrap().unwrap().sector as usize * SECTOR;
+        for at in (newest..newest + SECTOR).step_by(4) {
+            for damage in [0x00, 0x7F, 0xFF] {
+                let mut flash = saved.flash.clone();
+                flash.cells[at..at + 4].fill(damage);
+                let mut store = store(flash);
+                assert_eq!(loaded(&mut store, PROVISIONING).as_deref(), Some(NEW), "{at}");
+                assert_eq!(loaded(&mut store, SETTINGS), Some(vec![0xBB; 400]), "{at}");
+            }
+        }
+        // After the next start there are two again.
+        saved.flash.cells[newest] = 0;
+        let mut store = started(saved.flash, 0.0);
+        let newest = store.newest().unwrap().unwrap().sector as usize * SECTOR;
+        store.flash.cells[newest] = 0;
+        assert_eq!(loaded(&mut store, PROVISIONING).as_deref(), Some(NEW));
+    }
+}
+
+#[test]
 fn a_replaced_key_is_nowhere_in_flash_wherever_it_was() {
     for saves in 0..70 {
         let mut store = used(saves);

@@ -28,8 +28,8 @@ const PORT: u16 = flix_protocol::DEFAULT_PORT + 1;
 #[command(after_help = "\
 Examples:
   flix cockpit                        the simulated robot, on this computer
-  flix cockpit walker-1 --record
-  flix cockpit walker-1 --pose natnet
+  flix cockpit walker-3f2c --record
+  flix cockpit walker-3f2c --pose natnet
   flix cockpit --bind 0.0.0.0         also for the phones in this network
 
 The keys are those of `flix teleop`. Gamepad: stick or arrows walk and turn,

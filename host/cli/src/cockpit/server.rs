@@ -164,8 +164,9 @@ impl Server {
     pub fn urls(&self) -> Vec<String> {
         let addresses = if self.address.ip().is_unspecified() {
             let known = if_addrs::get_if_addrs().unwrap_or_default();
-            let known = known.into_iter().filter(|card| card.is_oper_up()).map(|card| card.ip());
-            reachable(self.address.ip(), outward(self.address), known)
+            let known = known.into_iter().filter(if_addrs::Interface::is_oper_up);
+            let known = known.map(|card| (card.ip(), is_virtual(&card.name)));
+            reachable(self.address.ip(), outward(self.address), known.collect())
         } else {
             vec![self.address.ip()]
         };
@@ -233,15 +234,43 @@ fn outward(bound: SocketAddr) -> Option<IpAddr> {
     Some(socket.local_addr().ok()?.ip())
 }
 
-/// Returns those of a computer's addresses that others reach it by, of the kind that is bound, `first` first; loopback where it
-/// has none.
-fn reachable(
-    bound: IpAddr,
-    first: Option<IpAddr>,
-    known: impl Iterator<Item = IpAddr>,
-) -> Vec<IpAddr> {
+/// Returns whether a network card of this name leads to a virtual private network or to virtual machines and containers, which a
+/// phone in the room does not reach. Names as Linux, macOS and Windows give them.
+fn is_virtual(name: &str) -> bool {
+    const BEGINNINGS: [&str; 12] =
+        ["br-", "cni", "docker", "ipsec", "lxc", "ppp", "tap", "tun", "utun", "veth", "wg", "zt"];
+    const PARTS: [&str; 12] = [
+        "hyper-v",
+        "nordlynx",
+        "podman",
+        "proton",
+        "tailscale",
+        "vbox",
+        "virbr",
+        "virtualbox",
+        "vmnet",
+        "vmware",
+        "vpn",
+        "wsl",
+    ];
+    let name = name.to_lowercase();
+    BEGINNINGS.iter().any(|it| name.starts_with(it)) || PARTS.iter().any(|it| name.contains(it))
+}
+
+/// Returns those of a computer's addresses that others reach it by, of the kind that is bound; loopback where it has none. Those of
+/// network cards come before those of virtual ones, and both before addresses that the computer chose for want of DHCP (RFC 3927);
+/// among equals `first` is first.
+fn reachable(bound: IpAddr, first: Option<IpAddr>, mut known: Vec<(IpAddr, bool)>) -> Vec<IpAddr> {
+    if let Some(first) = first {
+        let is_virtual = known.iter().any(|(address, is_virtual)| *address == first && *is_virtual);
+        known.insert(0, (first, is_virtual));
+    }
+    known.sort_by_key(|(address, is_virtual)| {
+        let is_without_dhcp = matches!(address, IpAddr::V4(it) if it.is_link_local());
+        (is_without_dhcp, *is_virtual)
+    });
     let mut addresses = Vec::new();
-    for address in first.into_iter().chain(known).map(|it| it.to_canonical()) {
+    for address in known.into_iter().map(|(address, _)| address.to_canonical()) {
         // Of no use without the name of the card, which no browser takes.
         let is_link_local = matches!(address, IpAddr::V6(it) if it.is_unicast_link_local());
         // What is bound to IPv6 serves both.
@@ -537,9 +566,14 @@ mod tests {
         drop(other);
     }
 
+    /// Cards are an address, or a name and an address.
     fn of(bound: &str, first: Option<&str>, known: &[&str]) -> Vec<String> {
         let read = |text: &str| text.parse::<IpAddr>().ok();
-        let known = known.iter().filter_map(|text| read(text));
+        let card = |text: &&str| {
+            let (name, address) = text.rsplit_once(' ').unwrap_or(("eth0", text));
+            Some((read(address)?, is_virtual(name)))
+        };
+        let known = known.iter().filter_map(card).collect();
         let found = read(bound).map(|bound| reachable(bound, first.and_then(read), known));
         found.into_iter().flatten().map(|address| address.to_string()).collect()
     }
@@ -553,5 +587,20 @@ mod tests {
         let first = of("::", Some("::ffff:192.168.1.7"), &cards);
         assert_eq!(first, ["192.168.1.7", "10.8.0.2", "fd00::7"]);
         assert_eq!(of("0.0.0.0", None, &["127.0.0.1"]), ["127.0.0.1"]);
+    }
+
+    #[test]
+    fn addresses_of_virtual_networks_and_those_without_dhcp_come_last() {
+        for name in
+            ["tun0", "utun4", "wg0", "docker0", "br-1f2e3d", "vEthernet (WSL)", "tailscale0"]
+        {
+            let (tunnel, own) = (format!("{name} 10.8.0.2"), "wlan0 192.168.1.7");
+            let chosen = "eth0 169.254.3.4";
+            let found = of("0.0.0.0", Some("10.8.0.2"), &[chosen, &tunnel, own]);
+            assert_eq!(found, ["192.168.1.7", "10.8.0.2", "169.254.3.4"], "{name}");
+        }
+        for name in ["eth0", "enp3s0", "wlan0", "wlp2s0", "en0", "br0", "Wi-Fi", "Ethernet 2"] {
+            assert!(!is_virtual(name), "{name}");
+        }
     }
 }

@@ -178,6 +178,9 @@ pub struct Typed {
     pub is_unwatched: bool,
     /// Time of a picture that the operator had on the screen before any of these keys; `None` where the terminal answers no question.
     pub seen: Option<Moment>,
+    /// Time since the first press of the oldest of these keys, which may have been held since. A picture that was drawn after that
+    /// press is no reason for the operator's wish.
+    pub pressed: Duration,
     /// Why a robot that walks has to rest, in words.
     pub doubt: Option<&'static str>,
     /// Keys that came in one go, or while the program stood still, and were dropped.
@@ -195,8 +198,10 @@ pub struct Typing {
     /// Whether the focus was lost, and neither a key nor the focus came since.
     is_unwatched: bool,
     ready: Typed,
-    /// The key that was pressed last, when, and whether it repeats.
-    repeated: Option<(KeyCode, Duration, bool)>,
+    /// The key that was reported last.
+    repeated: Option<Pressed>,
+    /// When the oldest key that is ready was pressed.
+    since: Option<Duration>,
     /// What the keys that came together last are there for, whether they repeat, and when the last of them came.
     together: Vec<Option<(Action, bool)>>,
     /// Whether any of them shows that somebody is there.
@@ -220,6 +225,18 @@ pub struct Typing {
     number: u16,
     /// Time of the newest picture that the terminal has shown.
     shown: Option<Moment>,
+}
+
+/// A key that may be held.
+#[derive(Debug, Clone, Copy)]
+struct Pressed {
+    code: KeyCode,
+    /// When the first of its reports came; each followed within [`HELD`].
+    since: Duration,
+    /// When the last came.
+    last: Duration,
+    /// Whether it repeats, beyond doubt.
+    repeats: bool,
 }
 
 /// A question to the terminal that is not answered.
@@ -374,12 +391,13 @@ impl Typing {
     /// Returns whether a key comes again because it is held: the terminal says so, or no hand is as fast.
     fn repeats(&mut self, at: Duration, key: KeyEvent) -> bool {
         let code = letter(key.code);
-        let is_fast = self.repeated.is_some_and(|(before, last, repeats)| {
-            let longest = if repeats { RELEASED } else { PRESSED_AGAIN };
-            before == code && at.saturating_sub(last) < longest
-        });
+        let silent = |before: &Pressed| at.saturating_sub(before.last);
+        let before = self.repeated.filter(|it| it.code == code && silent(it) < HELD);
+        let is_fast = before
+            .is_some_and(|it| silent(&it) < if it.repeats { RELEASED } else { PRESSED_AGAIN });
         let repeats = key.kind == KeyEventKind::Repeat || is_fast;
-        self.repeated = Some((code, at, repeats));
+        let since = before.map_or(at, |it| it.since);
+        self.repeated = Some(Pressed { code, since, last: at, repeats });
         repeats
     }
 
@@ -414,7 +432,9 @@ impl Typing {
         // Of the keys to come: some of them may have been typed before the newest answer, and are not judged yet.
         let seen = if self.together.is_empty() { self.shown } else { self.ready.seen };
         let ready = Typed { seen, ..Typed::default() };
-        Typed { is_unwatched: self.is_unwatched, ..std::mem::replace(&mut self.ready, ready) }
+        let pressed = self.since.take().map_or(Duration::ZERO, |since| now.saturating_sub(since));
+        let ready = std::mem::replace(&mut self.ready, ready);
+        Typed { is_unwatched: self.is_unwatched, pressed, ..ready }
     }
 
     /// Judges the keys that came together, once nothing followed for long enough.
@@ -440,10 +460,12 @@ impl Typing {
         let begins =
             |action: &Action| matches!(action, Action::Walk(_) | Action::Arm | Action::Clear);
         let is_alone = keys.len() == 1;
+        let since = self.repeated.map_or(self.last, |it| it.since);
         for (action, repeats) in keys.into_iter().flatten() {
             if repeats {
                 self.ready.steps.push(action);
             } else if is_alone || !begins(&action) {
+                self.since = Some(self.since.map_or(since, |oldest| oldest.min(since)));
                 self.ready.actions.push(action);
             } else {
                 self.ready.dropped += 1;
@@ -708,6 +730,29 @@ mod tests {
         // What calms acts as often as it comes.
         let typed = type_text(&mut Typing::default(), "sss", ms(33));
         assert_eq!(typed.actions, [Action::Rest; 3]);
+    }
+
+    #[test]
+    fn a_key_that_may_be_held_is_a_wish_of_when_it_was_pressed() {
+        let w = KeyCode::Char('w');
+        let mut typing = Typing::default();
+        let mut typed = |at: u64, report| {
+            typing.report(ms(at), report);
+            let typed = typing.take(ms(at + 10));
+            (typed.actions.len(), typed.pressed)
+        };
+        assert_eq!(typed(1_000, key(w)), (1, ms(10)));
+        // The first repeat comes as late as a second press; a network holds later ones back.
+        assert_eq!(typed(1_700, key(w)), (1, ms(710)));
+        assert_eq!(typed(1_733, key(w)), (0, Duration::ZERO));
+        assert_eq!(typed(2_300, key(w)), (1, ms(1_310)));
+        assert_eq!(typed(2_400, key(KeyCode::Char('c'))), (1, ms(10)), "another key");
+        assert_eq!(typed(2_500, key(w)), (1, ms(10)), "another press");
+        assert_eq!(typed(3_310, key(w)), (1, ms(10)), "after longer than systems wait");
+        let kind = KeyEventKind::Release;
+        let release = KeyEvent { kind, ..KeyEvent::new(w, KeyModifiers::NONE) };
+        typed(3_400, Report::Held(release));
+        assert_eq!(typed(3_500, key(w)), (1, ms(10)), "it was released");
     }
 
     #[test]

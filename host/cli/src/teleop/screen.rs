@@ -89,7 +89,8 @@ fn operate(
         }
         let (cockpit, client, now) = drive.operate();
         let typed = screen.typed();
-        let seen = typed.seen.unwrap_or(drawn_at);
+        let pressed = now.since(Moment::START).saturating_sub(typed.pressed);
+        let seen = typed.seen.unwrap_or(drawn_at).min(Moment::START + pressed);
         if typed.is_touched || gamepads.is_touched() {
             cockpit.attend(now);
         }

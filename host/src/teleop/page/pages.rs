@@ -185,7 +185,11 @@ impl Pages {
                 Err(error) => cockpit.note(now, Weight::Warning, &error.to_string()),
             },
             Some(Request::Act(_) | Request::Set(..) | Request::Save | Request::Scope(..)) => {
-                cockpit.note(now, Weight::Warning, "not done: another page drives");
+                let text = match self.driver {
+                    Some(_) => "not done: another page drives",
+                    None => "not done: no page drives: take over first",
+                };
+                cockpit.note(now, Weight::Warning, text);
             }
         }
         Ok(())

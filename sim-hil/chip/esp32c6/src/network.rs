@@ -5,7 +5,6 @@
 //! computer finds it.
 
 use std::collections::VecDeque;
-use std::sync::LazyLock;
 
 use pbkdf2::pbkdf2_hmac;
 use sha1::Sha1;
@@ -68,10 +67,57 @@ pub const CHANNELS: u64 = 13;
 pub const NAME: &str = "lab";
 /// See [`NAME`].
 pub const PASSPHRASE: &str = "correct horse battery staple";
+/// Another network, whose name is Latin-1 and not UTF-8; its pass phrase is [`PASSPHRASE`], too.
+pub const LATIN_NAME: &[u8] = b"caf\xe9";
+/// A network that asks for a user name, not for a pass phrase (802.1X).
+pub const ENTERPRISE_NAME: &str = "school";
 /// Rounds in which a pass phrase makes a key (IEEE 802.11, annex J).
 const ROUNDS: u32 = 4_096;
-/// Its access points in the order of their channels: channel and power at the station, dBm.
-pub const ACCESS_POINTS: [(u64, i32); 2] = [(1, -78), (11, -42)];
+
+/// How a network keeps others out (`wifi_auth_mode_t`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Security {
+    /// Not at all.
+    Open = 0,
+    /// By a pass phrase.
+    Wpa2 = 3,
+    /// By user names.
+    Enterprise = 5,
+}
+
+/// An access point.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AccessPoint {
+    /// Name of its network; none where it is hidden.
+    pub name: Vec<u8>,
+    /// Its channel.
+    pub channel: u8,
+    /// Power at the station, dBm.
+    pub dbm: i32,
+    /// How it keeps others out.
+    pub security: Security,
+    /// Its pass phrase.
+    pub passphrase: String,
+}
+
+impl AccessPoint {
+    fn new(name: &[u8], channel: u8, dbm: i32, security: Security) -> Self {
+        let passphrase = if security == Security::Wpa2 { PASSPHRASE } else { "" };
+        Self { name: name.to_vec(), channel, dbm, security, passphrase: passphrase.to_owned() }
+    }
+
+    /// Returns those that are there by default, in the order of their channels.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        vec![
+            Self::new(NAME.as_bytes(), 1, -78, Security::Wpa2),
+            Self::new(ENTERPRISE_NAME.as_bytes(), 3, -71, Security::Enterprise),
+            Self::new(LATIN_NAME, 6, -35, Security::Wpa2),
+            Self::new(b"", 9, -85, Security::Open),
+            Self::new(NAME.as_bytes(), 11, -42, Security::Wpa2),
+        ]
+    }
+}
 
 /// Returns whether a password is the key itself, in 64 digits (IEEE 802.11, annex J).
 pub(crate) fn is_key(password: &str) -> bool {
@@ -80,7 +126,7 @@ pub(crate) fn is_key(password: &str) -> bool {
 
 /// Returns the key that a network of this name has with this password; none for an open network.
 #[must_use]
-pub fn key_of(name: &str, password: &str) -> Option<[u8; 32]> {
+pub fn key_of(name: &[u8], password: &str) -> Option<[u8; 32]> {
     let mut key = [0; 32];
     if is_key(password) {
         for (byte, pair) in key.iter_mut().zip(password.as_bytes().chunks(2)) {
@@ -89,13 +135,10 @@ pub fn key_of(name: &str, password: &str) -> Option<[u8; 32]> {
     } else if password.is_empty() {
         return None;
     } else {
-        pbkdf2_hmac::<Sha1>(password.as_bytes(), name.as_bytes(), ROUNDS, &mut key);
+        pbkdf2_hmac::<Sha1>(password.as_bytes(), name, ROUNDS, &mut key);
     }
     Some(key)
 }
-
-/// The network's key: derived once.
-static KEY: LazyLock<Option<[u8; 32]>> = LazyLock::new(|| key_of(NAME, PASSPHRASE));
 
 /// Attempts to connect that the radio's library accepts, and of which nothing comes: no event, whatever is waited for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -154,8 +197,8 @@ pub struct Network {
     pub air: Air,
     /// What DHCP gives to the station.
     pub lease: [u8; 4],
-    /// Its key; none where it is open.
-    pub key: Option<[u8; 32]>,
+    /// The access points in reach, in the order of their channels.
+    pub access_points: Vec<AccessPoint>,
     /// How often the radio's library does not start from now on.
     pub start_failures: u32,
     /// What becomes of attempts to connect.
@@ -182,7 +225,7 @@ impl Default for Network {
         Self {
             air: Air::default(),
             lease: LEASE,
-            key: *KEY,
+            access_points: AccessPoint::all(),
             start_failures: 0,
             silence: Silence::None,
             trouble: DhcpTrouble::default(),
@@ -206,15 +249,25 @@ impl Network {
         self.station.map(|(_, address)| address)
     }
 
-    /// Returns how many channels are scanned to find a network of this name, and the power of the access point that is
+    /// Returns how many channels are scanned to find a network of this name, and the access point that is
     /// taken: the strongest where all are scanned, else the first.
-    pub(crate) fn found(&self, name: &str, scans_all: bool) -> Option<(u64, i32)> {
-        if !self.air.is_up || name != NAME {
-            return None;
-        }
+    pub(crate) fn found(&self, name: &[u8], scans_all: bool) -> Option<(u64, &AccessPoint)> {
+        let mut named = self.heard().iter().filter(|it| it.name == name);
         match scans_all {
-            true => ACCESS_POINTS.iter().map(|(_, dbm)| *dbm).max().map(|dbm| (CHANNELS, dbm)),
-            false => ACCESS_POINTS.first().copied(),
+            true => named.max_by_key(|it| it.dbm).map(|it| (CHANNELS, it)),
+            false => named.next().map(|it| (it.channel.into(), it)),
+        }
+    }
+
+    /// Returns the access points that can be heard.
+    pub(crate) fn heard(&self) -> &[AccessPoint] {
+        if self.air.is_up { &self.access_points } else { &[] }
+    }
+
+    /// Gives the network [`NAME`] another pass phrase.
+    pub fn change_passphrase(&mut self, passphrase: &str) {
+        for it in self.access_points.iter_mut().filter(|it| it.name == NAME.as_bytes()) {
+            it.passphrase = passphrase.to_owned();
         }
     }
 

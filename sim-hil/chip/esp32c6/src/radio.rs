@@ -12,7 +12,7 @@ use crate::block::cycles;
 use crate::cpu::Cpu;
 use crate::fault::Trouble;
 use crate::memory::{RADIO, RADIO_BYTES, ROM, ROM_BYTES, SCRATCH};
-use crate::network::{Network, Silence, is_key, key_of};
+use crate::network::{AccessPoint, CHANNELS, Network, Security, Silence, is_key, key_of};
 use crate::soc::{Outside, Soc};
 
 /// Where a call of the image by the library returns to: an address that no function has.
@@ -101,29 +101,44 @@ enum Task {
     Connect(i32),
     /// Is not, for this reason.
     Fail(u8),
+    /// Has listened on all channels.
+    Scanned,
 }
 
 /// Events of the library (`wifi_event_t`).
 mod event {
+    pub(super) const SCANNED: u32 = 1;
     pub(super) const STARTED: u32 = 2;
     pub(super) const CONNECTED: u32 = 4;
     pub(super) const DISCONNECTED: u32 = 5;
 }
 /// Why a connection ended, or none began (`wifi_err_reason_t`): the station leaves, the password is wrong, the beacon was
-/// lost, there is no such network.
+/// lost, there is no such network, none of it with a security that fits, or with enough of it.
 mod reason {
     pub(super) const LEAVES: u8 = 8;
     pub(super) const HANDSHAKE: u8 = 15;
     pub(super) const BEACON_LOST: u8 = 200;
     pub(super) const NO_ACCESS_POINT: u8 = 201;
+    pub(super) const OTHER_SECURITY: u8 = 210;
+    pub(super) const TOO_OPEN: u8 = 211;
 }
 /// Where the reason lies in the event's data (`wifi_event_sta_disconnected_t`).
 const REASON_OFFSET: usize = 39;
 
 /// What the library returns where it does not start (`ESP_ERR_NO_MEM`).
 const NO_MEMORY: u32 = 0x101;
+/// What it returns while it connects (`ESP_ERR_WIFI_STATE`), and behind the last record of a scan (`ESP_FAIL`).
+const BUSY: u32 = 0x3006;
+const NO_MORE: u32 = u32::MAX;
+/// Where a record of an access point has its name, channel, power and security, and how much of it is written
+/// (`wifi_ap_record_t`).
+const RECORD_NAME: usize = 6;
+const RECORD_CHANNEL: usize = 39;
+const RECORD_POWER: usize = 44;
+const RECORD_SECURITY: usize = 48;
+const RECORD_BYTES: usize = 80;
 /// Functions of the library that are known; those that only set something return 0.
-const FUNCTIONS: [&str; 22] = [
+const FUNCTIONS: [&str; 26] = [
     "esp_wifi_init_internal",
     "esp_wifi_set_mode",
     "esp_wifi_get_mode",
@@ -141,6 +156,10 @@ const FUNCTIONS: [&str; 22] = [
     "esp_wifi_internal_tx",
     "esp_wifi_internal_free_rx_buffer",
     "esp_wifi_sta_get_rssi",
+    "esp_wifi_scan_start",
+    "esp_wifi_scan_get_ap_num",
+    "esp_wifi_scan_get_ap_record",
+    "esp_wifi_clear_ap_list",
     "esp_wifi_set_protocols",
     "esp_wifi_set_bandwidths",
     "esp_wifi_disconnect_internal",
@@ -177,6 +196,9 @@ pub(crate) struct Radio {
     is_connected: bool,
     station: Station,
     signal_dbm: i32,
+    /// Access points that the last scan found, and whether one is under way.
+    found: VecDeque<AccessPoint>,
+    is_scanning: bool,
     /// What it does at which cycle.
     agenda: VecDeque<(u64, Task)>,
     calls: VecDeque<Call>,
@@ -219,6 +241,8 @@ impl Radio {
             is_connected: false,
             station: Station::default(),
             signal_dbm: 0,
+            found: VecDeque::new(),
+            is_scanning: false,
             agenda: VecDeque::new(),
             calls: VecDeque::new(),
             interrupted: None,
@@ -289,6 +313,17 @@ impl Radio {
         Some(())
     }
 
+    /// Returns whether it connects, or listens for access points.
+    fn is_busy(&self) -> bool {
+        self.agenda.iter().any(|(_, task)| !matches!(task, Task::Keep(_)))
+    }
+
+    /// Ends whatever it was about to do.
+    fn clear_agenda(&mut self) {
+        self.is_scanning = false;
+        self.agenda.clear();
+    }
+
     /// Returns how many received frames the driver may hold.
     fn frames(&self) -> usize {
         match self.buffers {
@@ -301,30 +336,38 @@ impl Radio {
     fn connect(&mut self, network: &mut Network, now: u64) {
         self.attempts += 1;
         self.is_connected = false;
-        self.agenda.clear();
+        self.clear_agenda();
         if network.silence.swallows() {
             return;
         }
         let times = self.times;
         let mut at = now;
-        let name = String::from_utf8_lossy(&self.station.name).into_owned();
-        let found = network.found(&name, self.station.scans_all);
-        let channels = found.map_or(crate::network::CHANNELS, |(channels, _)| channels);
+        let found = network.found(&self.station.name, self.station.scans_all);
+        let channels = found.map_or(CHANNELS, |(channels, _)| channels);
         at += channels * cycles(times.channel);
-        let Some((_, signal_dbm)) = found else {
-            self.agenda.push_back((at, Task::Fail(reason::NO_ACCESS_POINT)));
+        let password = String::from_utf8_lossy(&self.station.password).into_owned();
+        let refusal = match found.map(|(_, access_point)| access_point.security) {
+            None => Some(reason::NO_ACCESS_POINT),
+            Some(Security::Open) if !password.is_empty() => Some(reason::TOO_OPEN),
+            Some(Security::Enterprise) => Some(reason::OTHER_SECURITY),
+            Some(Security::Wpa2) if password.is_empty() => Some(reason::OTHER_SECURITY),
+            Some(Security::Open | Security::Wpa2) => None,
+        };
+        let Some((_, access_point)) = found.filter(|_| refusal.is_none()) else {
+            self.agenda.push_back((at, Task::Fail(refusal.unwrap_or(reason::NO_ACCESS_POINT))));
             return;
         };
         at += cycles(times.association);
-        let password = String::from_utf8_lossy(&self.station.password).into_owned();
         if !password.is_empty() {
             let derivation = if is_key(&password) { Duration::ZERO } else { times.derivation };
             let kept = cycles(derivation + times.handshake);
             self.agenda.push_back((at, Task::Keep(kept)));
             at += kept;
         }
-        let is_right = network.key == key_of(&name, &password);
-        let task = if is_right { Task::Connect(signal_dbm) } else { Task::Fail(reason::HANDSHAKE) };
+        let name = &self.station.name;
+        let is_right = key_of(name, &access_point.passphrase) == key_of(name, &password);
+        let task =
+            if is_right { Task::Connect(access_point.dbm) } else { Task::Fail(reason::HANDSHAKE) };
         self.agenda.push_back((at, task));
     }
 
@@ -348,6 +391,11 @@ impl Radio {
                     self.event(event::DISCONNECTED, reason::NO_ACCESS_POINT, soc)?
                 }
                 Task::Fail(reason) => self.event(event::DISCONNECTED, reason, soc)?,
+                Task::Scanned => {
+                    self.is_scanning = false;
+                    self.found = network.heard().iter().cloned().collect();
+                    self.event(event::SCANNED, 0, soc)?
+                }
             };
             self.calls.push_back(call);
         }
@@ -388,6 +436,26 @@ impl Radio {
             "esp_wifi_sta_get_rssi" => {
                 soc.memory.store(argument(0), self.signal_dbm as u32, 4).ok_or_else(beyond)?;
             }
+            // It listens on all channels, and hears nothing of its own meanwhile.
+            "esp_wifi_scan_start" if !self.is_busy() => {
+                self.is_scanning = true;
+                let at = cpu.cycles + CHANNELS * cycles(self.times.channel);
+                self.agenda.push_back((at, Task::Scanned));
+            }
+            "esp_wifi_scan_start" => result = BUSY,
+            "esp_wifi_scan_get_ap_num" => {
+                let number = self.found.len() as u32;
+                soc.memory.store(argument(0), number, 2).ok_or_else(beyond)?;
+            }
+            "esp_wifi_scan_get_ap_record" => match self.found.pop_front() {
+                Some(access_point) => {
+                    let record = record(&access_point);
+                    let bytes = soc.memory.bytes_mut(argument(0), RECORD_BYTES);
+                    bytes.ok_or_else(beyond)?.copy_from_slice(&record);
+                }
+                None => result = NO_MORE,
+            },
+            "esp_wifi_clear_ap_list" => self.found.clear(),
             // Interface 0 is the station's.
             "esp_wifi_set_config" if argument(0) == 0 => {
                 self.configure(argument(1), soc).ok_or_else(beyond)?;
@@ -405,14 +473,14 @@ impl Radio {
                 // An attempt is over, too; but one that nothing comes of stays so.
                 let is_on = self.is_connected || !self.agenda.is_empty();
                 self.is_connected = false;
-                self.agenda.clear();
+                self.clear_agenda();
                 if is_on {
                     self.agenda.push_back((cpu.cycles, Task::Fail(reason::LEAVES)));
                 }
             }
             "esp_wifi_stop" => {
                 self.is_connected = false;
-                self.agenda.clear();
+                self.clear_agenda();
             }
             "esp_wifi_deinit_internal" => {
                 self.renewals += 1;
@@ -429,7 +497,7 @@ impl Radio {
                 let frame = soc.memory.bytes(data, length).ok_or_else(beyond)?.to_vec();
                 let arguments = [0, data, 0, 1, 0];
                 self.calls.push_back(Call::Image { function: self.sent_receiver, arguments });
-                if self.is_connected {
+                if self.is_connected && !self.is_scanning {
                     network.transmit(&frame, cpu.cycles);
                 }
             }
@@ -478,7 +546,7 @@ impl Radio {
         }
         self.work(now, soc, network)?;
         while let Some(frame) = network.arrived(now) {
-            if !self.is_connected || self.frame_receiver == 0 {
+            if !self.is_connected || self.is_scanning || self.frame_receiver == 0 {
                 continue;
             }
             let Some(index) = self.busy.iter().take(self.frames()).position(|busy| !busy) else {
@@ -571,4 +639,14 @@ impl Radio {
         soc.interrupts.set_threshold(interrupted.threshold);
         Ok(())
     }
+}
+
+/// Returns the library's record of an access point.
+fn record(access_point: &AccessPoint) -> [u8; RECORD_BYTES] {
+    let mut record = [0; RECORD_BYTES];
+    record[RECORD_NAME..][..access_point.name.len()].copy_from_slice(&access_point.name);
+    record[RECORD_CHANNEL] = access_point.channel;
+    record[RECORD_POWER] = access_point.dbm as u8;
+    record[RECORD_SECURITY] = access_point.security as u8;
+    record
 }

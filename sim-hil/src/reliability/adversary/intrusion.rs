@@ -50,7 +50,7 @@ const PATIENCE: Duration = Duration::from_secs(6);
 const DRIVEN: Duration = Duration::from_millis(2_500);
 const WATCHED: Duration = Duration::from_millis(1_500);
 /// Time until the robot has announced itself, unasked.
-const ANNOUNCED: Duration = Duration::from_millis(1_500);
+const ANNOUNCED: Duration = Duration::from_millis(2_000);
 /// The longest name that a robot may have: its answers are the longest.
 const NAME: &str = "flix-walker-with-a-name-too-long";
 /// Questions for robots: for their service, and for all about it.

@@ -5,13 +5,15 @@ use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
 use flix_firmware::board::DENGFOC_V3_01;
-use flix_firmware::provision::Provisioner;
+use flix_firmware::provision::{Provisioner, Radio};
 use flix_host::link::RobotLink;
 use flix_host::teleop::page::connection_limits::{PATIENCE, Visitors};
 use flix_protocol::failsafe::LINK_LOST;
 use flix_protocol::frame::{HEAD, Nonce};
 use flix_protocol::message::{Command, OperatorName, Outcome, Reply, State, ToOperator, ToRobot};
-use flix_protocol::provision::{Answer, FrameReader, Provisioning, Request, write_frame};
+use flix_protocol::provision::{
+    Answer, FrameReader, NetworkState, ProvisionRefusal, Provisioning, Request, write_frame,
+};
 use flix_protocol::session::{
     Key, Operator, OperatorReceived, OperatorSession, RobotReceived, RobotSession, Status,
     StopSession, StopStatus,
@@ -26,6 +28,19 @@ use super::kind::{Kind, SIEGES};
 use crate::reliability::fault_matrix::REST_HZ;
 use crate::rig::bench::{Base, BenchError, bench_key, bench_knowing, setpoint};
 use crate::rig::simulated::Flash;
+
+/// A radio that hears nothing.
+struct Deaf;
+
+impl Radio for Deaf {
+    fn network(&self) -> NetworkState {
+        NetworkState::Joining
+    }
+
+    fn scan(&self, _number: u8, _from: u8) -> Answer {
+        Answer::Refused(ProvisionRefusal::Radio)
+    }
+}
 
 const OPERATOR: ([u8; 4], u16) = ([192, 0, 2, 10], 40_000);
 const MILLISECOND: Duration = Duration::from_millis(1);
@@ -138,7 +153,7 @@ impl Siege {
         let key = Key::new(self.fresh());
         let name = OperatorName::OWNER;
         let Ok(lab) = Provisioning::new("walker", "lab", "password", None) else { return };
-        let mut robot = Provisioner::new(Flash::default(), DENGFOC_V3_01.hardware);
+        let mut robot = Provisioner::new(Flash::default(), DENGFOC_V3_01.hardware, [0; 6]);
         let mut heard = Vec::new();
         let new = Request::Provision(lab.clone(), Operator::new(name, &key));
         self.fails(self.pass_on(&mut robot, &new, &mut Vec::new()) != Some(Answer::Done));
@@ -150,7 +165,8 @@ impl Siege {
             matches!(&proof, Some(Answer::Proof(Some(tag))) if key.is_proved(&challenge, tag));
         self.fails(!proves);
         // What `flix provision` says to a robot that proves its key.
-        for request in [Request::Identify, Request::Operators, Request::Keep(lab, name, key.id())] {
+        let keep = Request::Keep(lab, name, key.id());
+        for request in [Request::Identify, Request::Operators, Request::Network, keep] {
             self.account.sent += 1;
             self.pass_on(&mut robot, &request, &mut heard);
         }
@@ -167,7 +183,8 @@ impl Siege {
     ) -> Option<Answer> {
         let frame = write_frame(request)?;
         heard.extend(decoded(&frame));
-        let response = frame.iter().find_map(|byte| robot.receive(*byte, State::Disarmed))?;
+        let mut responses = frame.iter().map(|byte| robot.receive(*byte, State::Disarmed, &Deaf));
+        let response = responses.find_map(|response| response)?;
         heard.extend(decoded(&response.frame));
         let mut reader = FrameReader::new();
         response.frame.iter().find_map(|byte| reader.push(*byte))
