@@ -5,6 +5,7 @@ pub mod file;
 #[cfg(not(target_family = "wasm"))]
 pub mod interrupt;
 pub mod number;
+pub mod program;
 pub mod text;
 
 #[cfg(not(target_family = "wasm"))]
@@ -18,7 +19,7 @@ mod present;
 #[cfg(not(target_family = "wasm"))]
 pub use present::{
     ERRORS, PASSING_SOCKET_ERRORS, SIGNALS, create_private, create_private_folder, data_from,
-    end_together, exposed_mode, has_keys, shell,
+    end_together, exposed_mode, has_keys, keep_memory_private, shell,
 };
 
 /// Measures time, that of a suspended computer too, which [`std::time::Instant`] leaves out on most systems: the robot and the

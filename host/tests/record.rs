@@ -71,6 +71,26 @@ fn a_record_that_is_being_written_is_not_repaired() {
 }
 
 #[test]
+fn a_record_ends_whole_before_the_disk_has_less_room_than_is_to_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let description = RunDescription::default();
+    let mut recorder = Recorder::create(folder.path(), UNIX_EPOCH, &description).unwrap();
+    let log = |recorder: &mut Recorder, seconds: u64| {
+        let now = flix_protocol::units::Instant::from_micros(seconds * 1_000_000);
+        recorder.log(now, Level::Information, "a row")
+    };
+    recorder.leave_free(0).unwrap();
+    assert!((0..5).all(|second| log(&mut recorder, second).is_ok()));
+    let sentence = recorder.leave_free(u64::MAX).unwrap_err().to_string();
+    assert!(sentence.contains("MB are free") && sentence.contains("--leave-free"), "{sentence}");
+    log(&mut recorder, 5).unwrap_err();
+    let file = recorder.path().to_owned();
+    drop(recorder);
+    let run = Run::read(&file).unwrap();
+    assert_eq!((run.events.len(), run.is_complete), (6, true));
+}
+
+#[test]
 fn a_record_that_is_cut_off_within_its_first_rows_still_says_what_the_run_was() {
     let folder = tempfile::tempdir().unwrap();
     let file = write_record(folder.path());

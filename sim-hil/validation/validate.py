@@ -76,7 +76,9 @@ def flix_sim(program, *arguments):
 
 def held(xml):
     """The model with its body welded to the world, without contact."""
-    model = mujoco.MjModel.from_xml_string(re.sub(r"<freejoint[^>]*/>", "", xml))
+    # A keyframe states the pose of the body's free joint, too.
+    fixed = re.sub(r"<freejoint[^>]*/>|<keyframe>.*?</keyframe>", "", xml, flags=re.DOTALL)
+    model = mujoco.MjModel.from_xml_string(fixed)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     return model
 

@@ -32,9 +32,9 @@ use flix_shell::{Error, Exit};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  flix commission walker-1 --save
-  flix commission walker-1 --battery 12.31 --inertia 105
-  flix commission walker-1 --json | jq .motors")]
+  flix commission walker-3f2c --save
+  flix commission walker-3f2c --battery 12.31 --inertia 105
+  flix commission walker-3f2c --json | jq .motors")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,

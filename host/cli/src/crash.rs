@@ -24,9 +24,9 @@ use flix_shell::{Error, Exit};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  flix crash walker-1
-  flix crash walker-1 --elf target/riscv32imac-unknown-none-elf/chip/flix-robot
-  flix crash walker-1 --json | jq .message")]
+  flix crash walker-3f2c
+  flix crash daisy --elf target/riscv32imac-unknown-none-elf/chip/flix-robot
+  flix crash walker-3f2c --json | jq .message")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::address::RobotArgs;
 use super::moved::{Motion, Walked};
-use super::run::{HeightCheck, PoseArgs, record};
+use super::run::{HeightCheck, PlaceArgs, PoseArgs, record};
 use flix_host::link::udp::{Connection, FAREWELL_PATIENCE, STOP_PATIENCE};
 use flix_host::link::{LinkError, RobotLink, Update, errors, explain, is_reached};
 use flix_host::pose::PoseSource;
@@ -47,8 +47,8 @@ The five modes of the paper's Table IV:
   strafe right  --frequency -30 --direction -60
 
 Examples:
-  flix drive walker-1 --frequency -30 --direction 30 --for 5s
-  flix drive walker-1 --frequency -30 --direction 30 --for 5s --pose natnet")]
+  flix drive walker-3f2c --frequency -30 --direction 30 --for 5s
+  flix drive daisy --frequency -30 --direction 30 --for 5s --pose natnet")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,
@@ -63,9 +63,8 @@ pub struct Args {
     /// Duration, for example 5, 5s or 1500ms.
     #[arg(long = "for", value_name = "TIME", value_parser = positive_duration)]
     duration: Duration,
-    /// Folder for the record.
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    out: PathBuf,
+    #[command(flatten)]
+    place: PlaceArgs,
     /// Write no record.
     #[arg(long)]
     no_record: bool,
@@ -131,7 +130,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         None
     } else {
         let source = poses.as_ref().map(Poses::name);
-        let mut recorder = record(&args.out, &mut connection, source, "drive", BTreeMap::new())?;
+        let mut recorder = record(&args.place, &mut connection, source, "drive", BTreeMap::new())?;
         args.stream.start(&mut recorder)?;
         Some(recorder)
     };

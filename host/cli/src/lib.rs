@@ -34,13 +34,14 @@ mod track;
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
+use flix_host::system::program;
 use flix_shell::{Error, Exit, outlet, output, parse};
 
 /// Drive, watch and record a Flix-Walker
 #[derive(Debug, Parser)]
 #[command(
     name = "flix",
-    version,
+    version = env!("FLIX_VERSION"),
     propagate_version = true,
     subcommand_required = true,
     arg_required_else_help = true,
@@ -55,9 +56,9 @@ const EXAMPLES: &str = "\
 Examples:
   flix teleop 127.0.0.1                      drive with the keyboard
   flix cockpit 127.0.0.1                     drive in the browser
-  flix drive walker-1 --frequency -30 --direction 30 --for 5s
-  flix status walker-1 --json | jq .state
-  flix stop walker-1";
+  flix drive walker-3f2c --frequency -30 --direction 30 --for 5s
+  flix status walker-3f2c --json | jq .state
+  flix stop walker-3f2c";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -127,10 +128,12 @@ impl Cli {
 
 /// Parses the command line, runs it, and reports an error.
 pub fn main() -> ExitCode {
+    program::set(concat!("flix ", env!("FLIX_VERSION")));
     let cli: Cli = match parse(Cli::description()) {
         Ok(cli) => cli,
         Err(code) => return code,
     };
+    flix_host::system::keep_memory_private();
     let code = cli.run().unwrap_or_else(|error| {
         output::complain(&error);
         error.exit.into()

@@ -25,8 +25,8 @@ const POOR_ROUND_TRIP_MS: f64 = 100.0;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  flix link-test walker-1 --for 30s
-  flix link-test walker-1 --json | jq .round_trip_ms.p99")]
+  flix link-test walker-3f2c --for 30s
+  flix link-test walker-3f2c --json | jq .round_trip_ms.p99")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,

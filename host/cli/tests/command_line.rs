@@ -408,10 +408,10 @@ fn refuse_version(socket: &UdpSocket, version: u16) {
 }
 
 #[test]
-fn a_robot_that_another_operator_holds_is_refused_as_busy() {
+fn a_robot_that_a_program_of_ones_own_holds_is_refused_as_busy() {
     let (_served, address) = serve(robot());
     let first = hold_session(address.parse().unwrap());
-    Operator::new().flix(&["status", &address]).expect(21, &["another operator", "owner"]);
+    Operator::new().flix(&["status", &address]).expect(21, &["you hold the robot already"]);
     first.0.raise();
     first.1.join().unwrap();
     Operator::new().flix(&["status", &address]).expect(0, &[]);
@@ -429,7 +429,7 @@ fn programs_of_the_same_key_beside_a_walk_change_nothing_but_stop_stops_the_robo
     let before = orders(&served);
     let scope = ["scope", &address, "--channels", "iq"];
     for beside in [&["status", &address][..], &scope, &["link-test", &address, "--for", "100ms"]] {
-        operator.flix(beside).expect(21, &["another operator"]);
+        operator.flix(beside).expect(21, &["you hold the robot already"]);
         assert_eq!(served.robot().state, State::Running, "{beside:?}");
         assert_eq!(orders(&served), before, "{beside:?}");
     }
@@ -817,6 +817,17 @@ fn a_stop_that_came_after_clear_was_typed_stays() {
 }
 
 #[test]
+fn a_fault_that_came_after_clear_was_typed_stays() {
+    let mut robot = robot();
+    robot.fail(Fault::Stall);
+    robot.failed_at = Some(flix_protocol::units::Instant::from_micros(u64::MAX));
+    let (served, address) = serve(robot);
+    let operator = Operator::new();
+    operator.flix(&["clear", &address]).expect(30, &["stall"]);
+    assert!(!served.robot().faults.is_empty());
+}
+
+#[test]
 fn a_stopped_robot_walks_again_only_after_clear() {
     let (served, address) = serve(robot());
     let operator = Operator::new();
@@ -895,8 +906,8 @@ struct Desk {
     reader: std::thread::JoinHandle<()>,
 }
 
-/// A key that comes faster again is one that is held.
-const PRESSED_AGAIN: Duration = Duration::from_millis(150);
+/// A key that comes again sooner may be held.
+const PRESSED_AGAIN: Duration = Duration::from_millis(900);
 /// Modes in which a terminal reports buttons of the mouse.
 const MOUSE: [u32; 3] = [1000, 1002, 1003];
 const FOCUS: u32 = 1004;
@@ -997,9 +1008,10 @@ impl Desk {
         wait_until(|| {
             // Where the computer is busy, the robot may disarm for want of orders.
             let is_disarmed = served.robot().state == State::Disarmed;
-            self.send(if is_disarmed { "\r" } else { "w" });
-            std::thread::sleep(PRESSED_AGAIN);
-            served.robot().state == State::Running
+            self.press(if is_disarmed { "\r" } else { "w" }, || {
+                let state = served.robot().state;
+                state == State::Running || is_disarmed && state == State::Armed
+            }) && served.robot().state == State::Running
         });
     }
 
@@ -1009,11 +1021,20 @@ impl Desk {
 
     /// Presses a key again and again, as a hand does whose robot is not ready yet.
     fn press_until(&self, key: &str, condition: impl Fn() -> bool) {
-        wait_until(|| {
-            self.send(key);
-            std::thread::sleep(PRESSED_AGAIN);
-            condition()
-        });
+        wait_until(|| self.press(key, &condition));
+    }
+
+    /// Presses a key, and returns whether it had its effect before a hand presses it again.
+    fn press(&self, key: &str, condition: impl Fn() -> bool) -> bool {
+        self.send(key);
+        let pressed = Instant::now();
+        while pressed.elapsed() < PRESSED_AGAIN {
+            if condition() {
+                return true;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        false
     }
 
     /// Presses a key whose effect shows that all before it was taken.

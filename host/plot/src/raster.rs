@@ -3,6 +3,8 @@
 //! A renderer of all of SVG costs a fifth of what there is to compile; five shapes are all that a figure has.
 
 use ab_glyph::{Font as _, OutlineCurve};
+use crc::{CRC_32_ISO_HDLC, Crc};
+use flix_host::system::program;
 use tiny_skia::{
     FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, StrokeDash,
     Transform,
@@ -29,7 +31,21 @@ pub(super) fn png(canvas: &Canvas) -> Result<Vec<u8>, String> {
     for shape in &canvas.shapes {
         draw(&mut map, shape);
     }
-    map.encode_png().map_err(|error| error.to_string())
+    let png = map.encode_png().map_err(|error| error.to_string())?;
+    let text = ["Software\0", program::get()].concat();
+    Ok(with_chunk(&png, *b"tEXt", text.as_bytes()))
+}
+
+/// Returns a PNG file with this chunk behind its header, which has the same length in each (PNG, third edition, 5.2 and 5.3).
+fn with_chunk(png: &[u8], kind: [u8; 4], data: &[u8]) -> Vec<u8> {
+    const HEADER: usize = 8 + 12 + 13;
+    let (header, rest) = png.split_at(HEADER);
+    let sums = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+    let mut sum = sums.digest();
+    sum.update(&kind);
+    sum.update(data);
+    let length = u32::try_from(data.len()).unwrap_or_default();
+    [header, &length.to_be_bytes(), &kind, data, &sum.finalize().to_be_bytes(), rest].concat()
 }
 
 /// Draws one shape; one without an extent draws nothing.

@@ -252,7 +252,7 @@ mod tests {
         timeline.write(&out, "run-timeline").unwrap();
         let svg = timeline.svg();
         for label in
-            ["Heading", "Current q", "commanded", "measured", "least and largest", "walker-1"]
+            ["Heading", "Current q", "commanded", "measured", "least and largest", "walker-3f2c"]
         {
             assert!(svg.contains(label), "{label}");
         }

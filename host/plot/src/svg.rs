@@ -2,6 +2,8 @@
 
 use std::fmt::{self, Write as _};
 
+use flix_host::system::program;
+
 use super::canvas::{Align, Canvas, Pen, Pixel, Shape, Text};
 
 /// Font family: the embedded font, then one of the same widths, then any.
@@ -13,7 +15,8 @@ pub(super) fn document(canvas: &Canvas) -> String {
     let mut svg = format!(
         "<svg width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
          font-family=\"{FONT}\" stroke-linejoin=\"round\" stroke-linecap=\"round\" \
-         xmlns=\"http://www.w3.org/2000/svg\">"
+         xmlns=\"http://www.w3.org/2000/svg\">\n<metadata>{}</metadata>\n",
+        program::get()
     );
     for shape in &canvas.shapes {
         // Writing to a string does not fail.

@@ -158,3 +158,15 @@ fn both_files_are_written_into_a_new_folder() {
     std::fs::remove_dir_all(&folder).unwrap();
     assert_eq!(found, (true, true));
 }
+
+#[test]
+fn figures_name_the_program_that_drew_them() {
+    let program = flix_host::system::program::get();
+    let svg = track().svg();
+    assert!(svg.contains(&format!("<metadata>{program}</metadata>")), "{svg}");
+    let png = track().png().unwrap();
+    let text = format!("tEXtSoftware\0{program}");
+    assert!(png.windows(text.len()).any(|part| part == text.as_bytes()));
+    // The check sum of the text is right.
+    assert!(tiny_skia::Pixmap::decode_png(&png).is_ok());
+}

@@ -53,13 +53,13 @@ impl Exit {
         (Self::Usage, "usage: an option, a file or a value is wrong"),
         (Self::NoAnswer, "no answer from the robot"),
         (Self::Refused, "the robot refused: other key or other version"),
-        (Self::Held, "another operator holds the robot"),
+        (Self::Held, "another operator, or another program of yours, holds the robot"),
         (Self::RobotFault, "the robot has a fault"),
         (Self::Stopped, "a stop is latched: `flix clear` ends it"),
         (Self::NotNow, "the robot cannot do this now, or did not do it in time"),
         (Self::Nothing, "there is nothing to show: no fault, no accident, no run yet"),
         (Self::Rested, "the rotors came to rest because commands stayed away: start again"),
-        (Self::Interrupted, "interrupted; the robot was stopped first"),
+        (Self::Interrupted, "interrupted; the message states whether a driven robot has stopped"),
         (Self::PageLost, "the page cannot be served any more; the robot was stopped first"),
     ];
 

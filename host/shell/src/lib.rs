@@ -53,6 +53,36 @@ pub fn numbers_may_be_negative(command: clap::Command) -> clap::Command {
         .mut_subcommands(numbers_may_be_negative)
 }
 
+/// Returns the options of a command and its subcommands whose value is a list with commas, as they are typed.
+fn lists(command: &clap::Command) -> Vec<String> {
+    let is_list = |it: &&clap::Arg| it.get_value_delimiter() == Some(',');
+    let own = command.get_arguments().filter(is_list).filter_map(clap::Arg::get_long);
+    let own = own.map(|name| format!("--{name}"));
+    own.chain(command.get_subcommands().flat_map(lists)).collect()
+}
+
+/// Adds how to write a list to an error about a word too many, where one was begun before it: PowerShell makes several words of a list.
+fn with_commas(
+    mut error: clap::Error,
+    lists: &[String],
+    mut words: impl Iterator<Item = String>,
+) -> clap::Error {
+    use clap::error::{ContextKind, ContextValue, ErrorKind};
+    let is_word = matches!(
+        error.get(ContextKind::InvalidArg),
+        Some(ContextValue::String(word)) if !word.starts_with('-')
+    );
+    if error.kind() == ErrorKind::UnknownArgument
+        && is_word
+        && let Some(list) = words.find(|word| lists.contains(word))
+    {
+        let advice =
+            format!("{list} takes a list with commas, between double quotes in PowerShell");
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![advice.into()]));
+    }
+    error
+}
+
 /// Parses the command line of a program, first thing in it. Prints help, the version, or what is wrong.
 ///
 /// # Errors
@@ -61,13 +91,40 @@ pub fn parse<C: FromArgMatches>(description: clap::Command) -> Result<C, ExitCod
     // Where it is refused a signal ends the program, as it ends others.
     let _ = Interrupt::let_writes_fail();
     let name = description.get_name().to_owned();
+    let lists = lists(&description);
     let parsed = description.try_get_matches().and_then(|matches| C::from_arg_matches(&matches));
-    parsed.map_err(|error| match error.print() {
-        // Help that was asked for has to be printed; a reader that has closed the pipe has enough.
-        Err(lost) if !error.use_stderr() && lost.kind() != io::ErrorKind::BrokenPipe => {
-            let _ = writeln!(io::stderr(), "{name}: stdout cannot be written: {lost}");
-            Exit::Usage.into()
+    parsed.map_err(|error| with_commas(error, &lists, std::env::args())).map_err(
+        |error| match error.print() {
+            // Help that was asked for has to be printed; a reader that has closed the pipe has enough.
+            Err(lost) if !error.use_stderr() && lost.kind() != io::ErrorKind::BrokenPipe => {
+                let _ = writeln!(io::stderr(), "{name}: stdout cannot be written: {lost}");
+                Exit::Usage.into()
+            }
+            _ => u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
+        },
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_that_has_lost_its_commas_is_named() {
+        let channels = clap::Arg::new("channels").long("channels").value_delimiter(',');
+        let capture = clap::Command::new("scope").arg(channels).arg(clap::Arg::new("robot"));
+        let command = clap::Command::new("flix").subcommand(capture);
+        let error = |line: &str| {
+            let words = || line.split(' ').map(str::to_owned);
+            let error = command.clone().try_get_matches_from(words()).unwrap_err();
+            with_commas(error, &lists(&command), words()).to_string()
+        };
+        let lost = error("flix scope walker-3f2c --channels ia ib angle");
+        assert!(lost.contains("--channels takes a list with commas"), "{lost}");
+        for other in
+            ["flix scope walker-3f2c ib", "flix scope walker-3f2c --channels ia,ib --angle"]
+        {
+            assert!(!error(other).contains("commas"), "{other}");
         }
-        _ => u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
-    })
+    }
 }

@@ -14,6 +14,7 @@ use terminal_size::{Width, terminal_size};
 use crate::Error;
 use crate::outlet::{PATIENCE, drawn, stderr, stdout};
 use flix_host::system::file::{self, STANDARD_STREAM};
+use flix_host::system::program;
 use flix_host::system::text::{printable, printable_lines};
 
 /// Prints a text on stdout, as far as it is one ([`printable_lines`]). A reader that has closed the pipe (`| head`) is not an error.
@@ -91,14 +92,26 @@ pub fn optional_path_as_text<S: Serializer>(
     path.as_deref().map(Path::to_string_lossy).serialize(serializer)
 }
 
-/// Prints a value as one JSON document on stdout.
+/// An object with the program that made it.
+#[derive(Serialize)]
+struct Made<'a, T> {
+    #[serde(flatten)]
+    value: &'a T,
+    program: &'static str,
+}
+
+/// Prints a value as one JSON document on stdout; an object with the program that made it, as its last key.
 ///
 /// # Errors
 /// As for [`print()`].
 pub fn print_json(value: &impl Serialize) -> Result<(), Error> {
-    let mut text = serde_json::to_string_pretty(value).map_err(Error::usage)?;
-    text.push('\n');
-    print(&text)
+    print(&(json(value).map_err(Error::usage)? + "\n"))
+}
+
+fn json(value: &impl Serialize) -> serde_json::Result<String> {
+    let made = Made { value, program: program::get() };
+    // A list or a number has no keys.
+    serde_json::to_string_pretty(&made).or_else(|_| serde_json::to_string_pretty(value))
 }
 
 /// Lays rows out in columns without borders, the headings first. Columns with a number in them are
@@ -173,4 +186,26 @@ pub fn waiting<T>(for_what: impl fmt::Display, wait: impl FnOnce() -> T) -> T {
 #[must_use]
 pub fn milliseconds(duration: Duration) -> f64 {
     duration.as_secs_f64() * 1e3
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    #[test]
+    fn an_object_names_the_program_that_made_it_last() {
+        #[derive(serde::Serialize)]
+        struct Report {
+            b: f64,
+            a: Option<u8>,
+        }
+        let text = super::json(&Report { b: 0.1, a: None }).unwrap();
+        let program = flix_host::system::program::get();
+        assert!(text.ends_with(&format!("\"program\": \"{program}\"\n}}")), "{text}");
+        assert!(text.find("\"b\": 0.1").unwrap() < text.find("\"a\": null").unwrap());
+        for list in [json!([1, 2]), json!(3)] {
+            let text = super::json(&list).unwrap();
+            assert_eq!(serde_json::from_str::<Value>(&text).unwrap(), list);
+        }
+    }
 }

@@ -11,12 +11,13 @@ use crate::output::say;
 /// Port that Foxglove tries first.
 const PORT: u16 = 8765;
 
-/// Parses an address of this computer, which takes this port when it names none.
+/// Parses an address of this computer, which takes this port when it names none. An address of IPv6 may stand in brackets.
 ///
 /// # Errors
 /// With a sentence, when it is none.
 pub fn address(text: &str, port: u16) -> Result<SocketAddr, String> {
-    let alone = text.parse::<IpAddr>().map(|ip| SocketAddr::new(ip, port));
+    let bare = text.strip_prefix('[').and_then(|it| it.strip_suffix(']')).unwrap_or(text);
+    let alone = bare.parse::<IpAddr>().map(|ip| SocketAddr::new(ip, port));
     alone.or_else(|_| text.parse()).map_err(|_| {
         format!(
             "\"{text}\" is not an address of this computer: write {} or {}:{port}",
@@ -90,5 +91,27 @@ impl StreamArgs {
     #[must_use]
     pub fn is_asked_for(&self) -> bool {
         self.foxglove.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_is_taken_with_or_without_brackets_and_port() {
+        for (text, expected) in [
+            ("127.0.0.1", "127.0.0.1:8080"),
+            ("127.0.0.1:9000", "127.0.0.1:9000"),
+            ("::1", "[::1]:8080"),
+            ("[::1]", "[::1]:8080"),
+            ("[::]", "[::]:8080"),
+            ("[::]:9000", "[::]:9000"),
+        ] {
+            assert_eq!(address(text, 8080).map(|it| it.to_string()), Ok(expected.to_owned()));
+        }
+        for text in ["", "[]", "[::1", "::1]", "localhost", "[::1]:", "1.2.3.4:70000"] {
+            assert!(address(text, 8080).is_err(), "{text}");
+        }
     }
 }

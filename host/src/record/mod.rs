@@ -29,8 +29,8 @@ pub use message::{
 pub use reader::{Damage, Listing, ReadError, Run, RunSummary, list};
 pub use repair::{RepairError, Repaired, is_being_written, repair};
 pub use writer::{
-    CHANNELS, FRAMES_CHANNEL, Level, Reader, RecordError, Recorder, RunDescription, dated,
-    in_calendar,
+    CHANNELS, FRAMES_CHANNEL, Level, MEGABYTE, Reader, RecordError, Recorder, RunDescription,
+    dated, in_calendar,
 };
 
 /// A kind of row.

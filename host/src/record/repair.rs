@@ -108,9 +108,8 @@ fn keep(file: &Path) -> std::io::Result<PathBuf> {
 
 fn copy(file: &Path, target: &File, damage: Damage) -> McapResult<u64> {
     let options = WriteOptions::new().compression(None);
-    let mut writer = options
-        .library(concat!("flix ", env!("CARGO_PKG_VERSION")))
-        .create(BufWriter::new(target))?;
+    let mut writer =
+        options.library(crate::system::program::get()).create(BufWriter::new(target))?;
     let mut parts = Parts::open(file)?;
     let mut directory = Directory::default();
     directory.read(parts.summary(), |_, _, _| ());

@@ -62,6 +62,19 @@ pub enum RecordError {
         /// The error of the operating system.
         source: std::io::Error,
     },
+    /// The disk has less room than is to stay free.
+    #[error(
+        "the record {} ends: {} MB are free on its disk, and {} MB are to stay free; choose another --out, or less by --leave-free",
+        shown(path), free / MEGABYTE, leaves / MEGABYTE
+    )]
+    LittleSpace {
+        /// The file.
+        path: PathBuf,
+        /// Free on its disk, bytes.
+        free: u64,
+        /// To stay free, bytes.
+        leaves: u64,
+    },
     /// The MCAP writer failed.
     #[error("cannot write the record: {}", cause(.0))]
     Format(#[from] mcap::McapError),
@@ -79,6 +92,9 @@ fn cause(error: &mcap::McapError) -> String {
         error => error.to_string(),
     }
 }
+
+/// Bytes of a megabyte.
+pub const MEGABYTE: u64 = 1_000_000;
 
 const POSE: usize = 0;
 const PATH: usize = 1;
@@ -128,6 +144,8 @@ pub struct Recorder {
     start_nanos: u64,
     flushed: u64,
     reader: Option<Box<dyn Reader>>,
+    /// To stay free on the disk, bytes.
+    leaves: u64,
     /// Behind the writer, which completes the file when it is dropped.
     _lock: Lock,
 }
@@ -179,7 +197,7 @@ impl Recorder {
         let lock = Lock(file.try_clone().ok());
         let mut writer = WriteOptions::new()
             .compression(None)
-            .library(concat!("flix ", env!("CARGO_PKG_VERSION")))
+            .library(crate::system::program::get())
             .create(BufWriter::new(file))?;
         let mut channels = [0; CHANNELS.len()];
         for (id, channel) in channels.iter_mut().zip(&CHANNELS) {
@@ -208,8 +226,29 @@ impl Recorder {
             start_nanos,
             flushed: start_nanos,
             reader: None,
+            leaves: 0,
             _lock: lock,
         })
+    }
+
+    /// Keeps this much of the disk free, bytes: a record without an end fills it, 5 GB a day. It is looked at now, and with each
+    /// second of the run. Where the system does not state the free space, nothing is kept.
+    ///
+    /// # Errors
+    /// When less is free already.
+    pub fn leave_free(&mut self, bytes: u64) -> Result<(), RecordError> {
+        self.leaves = bytes;
+        self.check_space()
+    }
+
+    fn check_space(&self) -> Result<(), RecordError> {
+        let (path, leaves) = (&self.path, self.leaves);
+        match fs4::available_space(path) {
+            Ok(free) if free < leaves => {
+                Err(RecordError::LittleSpace { path: path.clone(), free, leaves })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Gives every row from now on to a reader, too.
@@ -430,6 +469,7 @@ impl Recorder {
         if written.is_ok() && time.saturating_sub(self.flushed) >= FLUSH_PERIOD {
             self.flushed = time;
             written = self.writer.flush();
+            self.check_space()?;
         }
         written.map_err(|error| failed(&self.path, error))
     }

@@ -36,7 +36,7 @@ pub fn write_csv(capture: &Capture, file: &Path) -> Result<(), csv::Error> {
 pub fn write_mcap(capture: &Capture, file: &Path) -> Result<(), mcap::McapError> {
     let mut writer = WriteOptions::new()
         .compression(None)
-        .library(concat!("flix ", env!("CARGO_PKG_VERSION")))
+        .library(crate::system::program::get())
         .create(BufWriter::new(File::create(file)?))?;
     let schema = schema(capture).to_string();
     let schema = writer.add_schema("flix.Scope", "jsonschema", schema.as_bytes())?;

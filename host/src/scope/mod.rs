@@ -22,12 +22,18 @@ pub enum WishError {
         /// What was written.
         name: String,
     },
+    /// Channels without commas between them.
+    #[error("put commas between the channels: \"{}\"", .names.join(","))]
+    NoComma {
+        /// What was written.
+        names: Vec<String>,
+    },
     /// More than fit.
     #[error("these are {0} channels; the robot captures {SCOPE_CHANNELS} at once")]
     TooMany(usize),
     /// No such trigger.
     #[error(
-        "`{text}` is no trigger: write now, fault, or a level such as top_iq>0.8 or theta_error<-5"
+        "`{text}` is no trigger: write now, fault, or a level such as \"top_iq>0.8\" or \"theta_error<-5\", with its double quotes"
     )]
     Trigger {
         /// What was written.
@@ -63,7 +69,16 @@ pub fn channels(text: &str) -> Result<Vec<Channel>, WishError> {
     for name in text.split(',').map(str::trim).filter(|name| !name.is_empty()) {
         let named = named(name);
         if named.is_empty() {
-            return Err(WishError::Channel { name: name.to_owned() });
+            let names: Vec<String> = name
+                .split([' ', ';', '\t'])
+                .filter(|it| !it.is_empty())
+                .map(str::to_owned)
+                .collect();
+            return Err(if names.len() > 1 && names.iter().all(|it| !self::named(it).is_empty()) {
+                WishError::NoComma { names }
+            } else {
+                WishError::Channel { name: name.to_owned() }
+            });
         }
         chosen.extend(
             named.into_iter().filter(|channel| !chosen.contains(channel)).collect::<Vec<_>>(),

@@ -2,7 +2,7 @@
 //!
 //! A pipe waits for its writer and a device may never end: neither is opened.
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -230,11 +230,37 @@ fn too_large(most: u64) -> io::Error {
     io::Error::other(format!("it is larger than {} MB", most / 1_000_000))
 }
 
+/// Locks this file until it is closed; returns whether another program holds the lock. A file system without locks (a network's may
+/// answer ENOLCK, ENOSYS or EOPNOTSUPP) keeps nobody away.
+#[must_use]
+pub fn is_held_elsewhere(file: &File) -> bool {
+    is_held(&file.try_lock())
+}
+
+const fn is_held(tried: &Result<(), TryLockError>) -> bool {
+    matches!(tried, Err(TryLockError::WouldBlock))
+}
+
 #[cfg(test)]
 mod tests {
     use std::io::Write as _;
 
     use super::*;
+
+    #[test]
+    fn a_file_is_held_by_one_program_and_by_none_where_there_are_no_locks() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lock");
+        let open = || File::options().create(true).append(true).open(&path).unwrap();
+        let first = open();
+        assert!(!is_held_elsewhere(&first) && is_held_elsewhere(&open()));
+        drop(first);
+        assert!(!is_held_elsewhere(&open()));
+        for code in [37, 38, 95] {
+            let error = io::Error::from_raw_os_error(code);
+            assert!(!is_held(&Err(TryLockError::Error(error))), "{code}");
+        }
+    }
 
     #[test]
     fn a_file_is_checked_before_it_is_written_and_left_as_it_was() {

@@ -4,6 +4,8 @@
 use std::borrow::Cow;
 use std::path::Path;
 
+use flix_protocol::network_name::is_seen;
+
 /// What stands for a character that is not shown; no longer than any of them.
 const HIDDEN: char = '?';
 
@@ -11,13 +13,13 @@ const HIDDEN: char = '?';
 /// the direction of a text, and what takes no room, become `?`.
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
-    hide(text, is_shown)
+    hide(text, is_seen)
 }
 
 /// Returns a text of several lines as [`printable`] does, with its line ends and tabs.
 #[must_use]
 pub fn printable_lines(text: &str) -> Cow<'_, str> {
-    hide(text, |letter| is_shown(letter) || matches!(letter, '\n' | '\t'))
+    hide(text, |letter| is_seen(letter) || matches!(letter, '\n' | '\t'))
 }
 
 /// Returns a path as [`printable`] shows a text: a file's name may hold line ends.
@@ -32,14 +34,6 @@ fn hide(text: &str, is_shown: fn(char) -> bool) -> Cow<'_, str> {
     }
     let shown = text.chars().map(|letter| if is_shown(letter) { letter } else { HIDDEN });
     Cow::Owned(shown.collect())
-}
-
-fn is_shown(letter: char) -> bool {
-    let turns_or_hides = matches!(
-        letter,
-        '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}'
-    );
-    !letter.is_control() && !turns_or_hides
 }
 
 /// Returns a number with so many decimals, and never a negative zero.

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
-use rustix::process::{Pid, Signal, getpgrp, kill_process_group};
+use rustix::process::{Pid, Resource, Rlimit, Signal, getpgrp, kill_process_group, setrlimit};
 use rustix::time::{ClockId, clock_gettime};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGXFSZ};
 
@@ -47,6 +47,16 @@ pub const PASSING_SOCKET_ERRORS: &[i32] = &[
     Errno::PERM.raw_os_error(),
     Errno::ACCESS.raw_os_error(),
 ];
+
+/// Keeps what is in memory out of core dumps and away from debuggers of other programs, as far as the system allows: it may be a
+/// key.
+pub fn keep_memory_private() {
+    // Both are refused by no system that has them; without them, a crash leaves what it leaves.
+    let none = Rlimit { current: Some(0), maximum: Some(0) };
+    let _ = setrlimit(Resource::Core, none);
+    #[cfg(any(target_os = "linux", target_os = "android"))]
+    let _ = rustix::process::set_dumpable_behavior(rustix::process::DumpableBehavior::NotDumpable);
+}
 
 /// Creates a new file that only its owner can read, for writing.
 ///

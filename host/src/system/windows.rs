@@ -26,6 +26,9 @@ pub fn uptime() -> Duration {
     FIRST.get_or_init(Instant::now).elapsed()
 }
 
+/// Does nothing: Windows writes the memory of a program to a file only where a person has set it up.
+pub const fn keep_memory_private() {}
+
 /// Creates a new file, for writing.
 ///
 /// # Errors

@@ -71,6 +71,9 @@ pub fn description(name: &str, settings: BTreeMap<String, String>) -> RunDescrip
             ("clock".into(), "virtual time".into()),
         ]),
         settings,
-        versions: BTreeMap::from([("flix-sim".into(), env!("CARGO_PKG_VERSION").into())]),
+        versions: BTreeMap::from([(
+            "flix-sim".into(),
+            flix_host::system::program::version().into(),
+        )]),
     }
 }

@@ -43,7 +43,7 @@ pub use self::error::Error;
 
 /// A simulated Flix-Walker under the robot's own software.
 #[derive(Debug, Parser)]
-#[command(name = "flix-sim", version, after_help = "Without a command, `demo` runs.")]
+#[command(name = "flix-sim", version = env!("FLIX_VERSION"), after_help = "Without a command, `demo` runs.")]
 pub struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -92,6 +92,7 @@ impl Cli {
 /// Runs what the command line asks for, and prints on standard error why it could not.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
+    flix_host::system::program::set(concat!("flix-sim ", env!("FLIX_VERSION")));
     let outcome = match cli.command.unwrap_or(Command::Demo(demo::Args::default())) {
         Command::Demo(args) => demo::run(&args),
         Command::Track(args) => track::run(&args),

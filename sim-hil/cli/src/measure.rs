@@ -239,7 +239,8 @@ mod tests {
 
     fn args(folder: &Path, shard: &str) -> MeasureArgs {
         let (shard, out) = (shard.parse().unwrap(), Some(folder.to_owned()));
-        MeasureArgs { run: RunArgs { shard, out, resume: false, restart: false }, json: false }
+        let run = RunArgs { shard, out, resume: false, restart: false, another_build: false };
+        MeasureArgs { run, json: false }
     }
 
     #[test]
@@ -272,7 +273,7 @@ mod tests {
             assert!(table.rows.keys().all(|cell| table.rows.contains_key(&(cell ^ 1))));
             folder.path().join(format!("results-{index}-of-2.parquet"))
         });
-        let merged = flix_study::merge(&slices).unwrap();
+        let merged = flix_study::merge(&slices, false).unwrap();
         // NaN is not equal to itself.
         assert_eq!(format!("{merged:?}"), format!("{whole:?}"));
         assert!(!merged.pass());

@@ -30,6 +30,15 @@ pub(crate) fn write_or_print(file: Option<&Path>, text: &str) -> Result<(), Erro
     }
 }
 
+/// Prints a report as JSON, or as `text` for people.
+pub(crate) fn print_report(
+    report: &impl Serialize,
+    json: bool,
+    text: impl FnOnce() -> String,
+) -> Result<(), Error> {
+    Ok(if json { print_json(report) } else { print(&text()) }?)
+}
+
 /// Prints figures as JSON, or as `text` for people; the exit code states whether all promises were kept.
 pub(crate) fn print_figures(
     figures: &impl Serialize,
@@ -37,11 +46,7 @@ pub(crate) fn print_figures(
     json: bool,
     text: impl FnOnce() -> String,
 ) -> Result<ExitCode, Error> {
-    if json {
-        print_json(figures)?
-    } else {
-        print(&text())?
-    }
+    print_report(figures, json, text)?;
     Ok(if pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 

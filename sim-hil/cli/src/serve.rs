@@ -310,7 +310,7 @@ impl Cameras {
             return Ok(());
         }
         self.next = now + self.period;
-        let pose = self.cameras.measure(robot);
+        let pose = self.cameras.measure(now, robot);
         self.server.stream((now + put_off).as_micros() as f64 * 1e-6, Some(&pose))
     }
 }

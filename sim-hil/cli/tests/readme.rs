@@ -21,7 +21,6 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use clap::error::ErrorKind;
-use flix_host::link::RobotLink;
 use flix_host::nav::PlanarPose;
 use flix_host::record::Run;
 use rustix::process::{Pid, Signal, kill_process, setpriority_process};
@@ -263,6 +262,7 @@ fn is_known(page: &str, line: &str) {
     let is_a_name_or_help = matches!(
         error.kind(),
         ErrorKind::DisplayHelp
+            | ErrorKind::DisplayVersion
             | ErrorKind::MissingRequiredArgument
             | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
             | ErrorKind::MissingSubcommand

@@ -11,7 +11,7 @@ of robots, each with its own model, start and shaking, is stepped by the simulat
     (32, 3)
 """
 
-from ._flixwalker import Film, Model, Robot, models, paper_pairs
+from ._flixwalker import Film, Model, Robot, __version__, models, paper_pairs
 from .batch import Batch
 from .table import mobility, read_record, read_table, walk
 
@@ -20,6 +20,7 @@ __all__ = [
     "Film",
     "Model",
     "Robot",
+    "__version__",
     "mobility",
     "models",
     "paper_pairs",

@@ -31,6 +31,11 @@ mod _flixwalker {
     use super::robot::Robot;
     #[pymodule_export]
     use super::walk::{paper_pairs, walk};
+
+    /// Version, with the commit that the package is built from.
+    #[pymodule_export]
+    #[allow(non_upper_case_globals, reason = "Python's name of it")]
+    const __version__: &str = env!("FLIX_VERSION");
 }
 
 /// Takes a number. Python has true for 1, and nobody means it.

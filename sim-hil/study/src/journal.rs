@@ -5,7 +5,7 @@
 //! computed anew. One process at a time has the file.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{File, OpenOptions};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -34,7 +34,8 @@ pub enum JournalError {
     },
     /// The file belongs to another study, other parameters or another version.
     #[error(
-        "{} holds cells of {found}, not of {expected}: choose another folder with --out, or --restart to forget them",
+        "{} holds cells of {found}, not of {expected}: choose another folder with --out, --restart to forget them, or \
+         --another-build where the parameters (before the dash) are the same",
         path.display()
     )]
     Other {
@@ -54,6 +55,8 @@ pub enum Earlier {
     Unfinished,
     /// Those of a run of this program, finished or not.
     All,
+    /// Those of a run of any build of this program, finished or not.
+    OfAnyBuild,
     /// None.
     Forget,
 }
@@ -86,14 +89,9 @@ impl Journal {
             .truncate(false)
             .open(path)
             .map_err(failed)?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(JournalError::Busy { path: path.to_owned() });
-            }
-            // Where a network's folder has no locks, the check sums have to do.
-            Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => {}
-            Err(TryLockError::Error(error)) => return Err(failed(error)),
+        // Where a network's folder has no locks, the check sums have to do.
+        if flix_host::system::file::is_held_elsewhere(&file) {
+            return Err(JournalError::Busy { path: path.to_owned() });
         }
         if earlier == Earlier::Forget {
             file.set_len(0).map_err(failed)?;
@@ -116,10 +114,13 @@ impl Journal {
         let header = format!("{title}\ncell,{},check\n", names.join(","));
         let mut journal =
             Self { path: path.to_owned(), fingerprint: fingerprint.clone(), header, file };
-        if !text.starts_with(&journal.header) {
-            let found = text.lines().next().unwrap_or_default();
-            let is_of_another_program = earlier == Earlier::Unfinished
-                && found.starts_with(&format!("# {study} {}-", fingerprint.parameters()));
+        let found = text.lines().next().unwrap_or_default();
+        let by = found.strip_prefix(&format!("# {study} ")).unwrap_or_default();
+        let by = Fingerprint::parse(by.to_owned());
+        let has_parameters = by.parameters() == fingerprint.parameters();
+        let is_taken = by == *fingerprint || has_parameters && earlier == Earlier::OfAnyBuild;
+        if !is_taken || !text[found.len()..].starts_with(&journal.header[title.len()..]) {
+            let is_of_another_program = earlier == Earlier::Unfinished && has_parameters;
             // Or new, or cut off within its header.
             if is_of_another_program || journal.header.starts_with(&*text) {
                 journal.begin()?;
@@ -135,12 +136,17 @@ impl Journal {
         let row = |line: &str| {
             let mut reader =
                 csv::ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes());
-            parse(&reader.records().next()?.ok()?, columns, fingerprint)
+            parse(&reader.records().next()?.ok()?, columns, &by)
         };
-        let rows = text[journal.header.len()..].lines().filter_map(row).collect();
-        journal.file.set_len(whole as u64).map_err(failed)?;
-        journal.file.seek(SeekFrom::End(0)).map_err(failed)?;
-        Ok((journal, rows))
+        let rows: Vec<(usize, Row)> = text.lines().skip(2).filter_map(row).collect();
+        if by == *fingerprint {
+            journal.file.set_len(whole as u64).map_err(failed)?;
+            journal.file.seek(SeekFrom::End(0)).map_err(failed)?;
+        } else {
+            journal.begin()?;
+            journal.append(&rows)?;
+        }
+        Ok((journal, rows.into_iter().collect()))
     }
 
     /// Forgets all cells.

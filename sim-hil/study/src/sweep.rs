@@ -292,7 +292,7 @@ mod tests {
                 folder.path().join(format!("results-{index}-of-4.parquet"))
             })
             .collect();
-        assert_eq!(merge(&slices).unwrap(), whole);
+        assert_eq!(merge(&slices, false).unwrap(), whole);
     }
 
     #[test]
@@ -310,7 +310,7 @@ mod tests {
             folder.path().join("a/results-1-of-2.parquet"),
             folder.path().join("b/results-2-of-2.parquet"),
         ];
-        assert!(merge(&files).unwrap_err().to_string().contains("is a shard of"));
+        assert!(merge(&files, false).unwrap_err().to_string().contains("is a shard of"));
     }
 
     #[test]

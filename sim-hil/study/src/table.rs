@@ -53,7 +53,7 @@ pub enum TableError {
     Nothing,
     /// A shard of something else.
     #[error(
-        "{} is a shard of {found}, the others are of {expected}: merge only shards of one study, one set of parameters and one version",
+        "{} is a shard of {found}, the others are of {expected}: merge only shards of one study, one set of parameters and one build, or state --another-build",
         path.display()
     )]
     Other {
@@ -122,6 +122,7 @@ fn to_parquet(table: &Table) -> Result<Vec<u8>, ParquetError> {
             entry("cells", table.cells.to_string()),
             entry("parameters", table.parameters.to_string()),
             entry("columns", serde_json::json!(table.columns).to_string()),
+            entry("program", flix_host::system::program::get().to_owned()),
         ]))
         .build();
     let mut writer = SerializedFileWriter::new(Vec::new(), schema, Arc::new(properties))?;
@@ -214,9 +215,9 @@ fn json<T: DeserializeOwned>(text: &str) -> Option<T> {
 /// Joins the tables of all shards into that of the whole study.
 ///
 /// # Errors
-/// When a file is of another study, other parameters or another version, when a cell is there
+/// When a file is of another study, other parameters or, unless `of_any_build`, another build, when a cell is there
 /// twice, or when cells are missing.
-pub fn merge(paths: &[PathBuf]) -> Result<Table, TableError> {
+pub fn merge(paths: &[PathBuf], of_any_build: bool) -> Result<Table, TableError> {
     let mut whole: Option<Table> = None;
     for path in paths {
         let shard = read(path)?;
@@ -224,7 +225,10 @@ pub fn merge(paths: &[PathBuf]) -> Result<Table, TableError> {
             whole = Some(shard);
             continue;
         };
-        let identity = |table: &Table| format!("{} {}", table.study, table.fingerprint);
+        let identity = |table: &Table| match of_any_build {
+            true => format!("{} {}", table.study, table.fingerprint.parameters()),
+            false => format!("{} {}", table.study, table.fingerprint),
+        };
         if identity(merged) != identity(&shard) {
             return Err(TableError::Other {
                 path: path.clone(),

@@ -84,7 +84,7 @@ fn shards_merged_equal_one_run() {
         run(&Squares::new(20), &options).unwrap();
         files.push(options.path("results", "parquet"));
     }
-    assert_eq!(merge(&files).unwrap(), whole);
+    assert_eq!(merge(&files, false).unwrap(), whole);
     assert_eq!(read(&folder.path().join("results.parquet")).unwrap(), whole);
 }
 
@@ -135,7 +135,9 @@ fn a_shard_of_other_parameters_is_refused_by_name() {
     run(&Squares { scale: 2.0, ..Squares::new(4) }, &options(two.path(), "2/2")).unwrap();
     let files =
         [one.path().join("results-1-of-2.parquet"), two.path().join("results-2-of-2.parquet")];
-    let Err(TableError::Other { path, .. }) = merge(&files) else { panic!("must be refused") };
+    let Err(TableError::Other { path, .. }) = merge(&files, false) else {
+        panic!("must be refused")
+    };
     assert_eq!(path, files[1]);
 }
 
@@ -143,7 +145,7 @@ fn a_shard_of_other_parameters_is_refused_by_name() {
 fn a_missing_shard_is_told_with_its_first_cell() {
     let folder = tempfile::tempdir().unwrap();
     run(&Squares::new(9), &options(folder.path(), "1/2")).unwrap();
-    let merged = merge(&[folder.path().join("results-1-of-2.parquet")]);
+    let merged = merge(&[folder.path().join("results-1-of-2.parquet")], false);
     assert!(matches!(merged, Err(TableError::Missing { missing: 4, first: 1, cells: 9 })));
 }
 
@@ -245,6 +247,30 @@ fn another_program_computes_anew_and_never_takes_the_cells_of_the_former() {
     let (again, second) = run_by("other", &options(folder.path(), "1/1"));
     let Err(StudyError::Interrupted { finished, .. }) = again else { panic!("{again:?}") };
     assert_eq!((finished, first > 0), (second, true));
+}
+
+#[test]
+fn cells_and_slices_of_another_build_are_taken_where_that_is_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let of_any = Options { earlier: Earlier::OfAnyBuild, ..options(folder.path(), "1/1") };
+    let computed = |scale: f64, program: &str, options: &Options| {
+        let study = Squares { scale, ..Squares::new(5) };
+        let table = run_as(&study, options, fingerprint_by(&study, program));
+        table.map(|table| (table, study.computed.into_inner()))
+    };
+    let (first, _) = computed(1.0, "one", &options(folder.path(), "1/1")).unwrap();
+    let (taken, cells) = computed(1.0, "other", &of_any).unwrap();
+    assert_eq!((taken.rows, cells), (first.rows.clone(), 0));
+    // From now on they are of the later build.
+    let (_, cells) = computed(1.0, "other", &resumed(folder.path())).unwrap();
+    assert_eq!(cells, 0);
+    assert!(computed(2.0, "other", &of_any).is_err(), "other parameters");
+    let slices = [("one", "1/2"), ("other", "2/2")].map(|(program, shard)| {
+        computed(1.0, program, &options(folder.path(), shard)).unwrap();
+        folder.path().join(format!("results-{}.parquet", shard.replace('/', "-of-")))
+    });
+    assert!(matches!(merge(&slices, false), Err(TableError::Other { .. })));
+    assert_eq!(merge(&slices, true).unwrap().rows, first.rows);
 }
 
 #[test]

@@ -1,13 +1,12 @@
 //! Driving by hand: what the commands share that differ in their screen alone.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use self::drive::{Drive, DriveError, Ending, Extras};
 use super::address::RobotArgs;
-use super::run::{PoseArgs, record};
+use super::run::{PlaceArgs, PoseArgs, record};
 use flix_host::link::{RobotLink, StopState};
 use flix_host::pose::any::Poses;
 use flix_host::system::interrupt::Interrupt;
@@ -38,9 +37,8 @@ pub struct ByHandArgs {
     /// Record the drive below OUT/runs; so does --foxglove.
     #[arg(long)]
     record: bool,
-    /// Folder for the record.
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    out: PathBuf,
+    #[command(flatten)]
+    place: PlaceArgs,
     #[command(flatten)]
     stream: StreamArgs,
 }
@@ -71,7 +69,7 @@ impl ByHandArgs {
         let mut connection = self.robot.connect(&interrupt)?;
         if self.record || self.stream.is_asked_for() {
             let poses = extras.poses.as_ref().map(Poses::name);
-            let mut recorder = record(&self.out, &mut connection, poses, name, BTreeMap::new())?;
+            let mut recorder = record(&self.place, &mut connection, poses, name, BTreeMap::new())?;
             self.stream.start(&mut recorder)?;
             extras.recorder = Some(recorder);
         }

@@ -26,12 +26,12 @@ use unknown::no_setting;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  flix parameters list walker-1
-  flix parameters get walker-1 current_limit
-  flix parameters set walker-1 current_limit 1.5 --save
-  flix parameters accept walker-1 --save
-  flix parameters export walker-1 walker-1.toml
-  flix parameters import walker-1 walker-1.toml --save")]
+  flix parameters list walker-3f2c
+  flix parameters get walker-3f2c current_limit
+  flix parameters set walker-3f2c current_limit 1.5 --save
+  flix parameters accept walker-3f2c --save
+  flix parameters export walker-3f2c walker-3f2c.toml
+  flix parameters import walker-3f2c walker-3f2c.toml --save")]
 pub struct Args {
     #[command(subcommand)]
     action: Action,

@@ -53,19 +53,27 @@ Channels, of each motor (iq is both, top_iq one):
 and of the robot: f f_wanted (Hz), theta theta_error (deg), bus (V)
 
 Examples:
-  flix scope walker-1 --channels ia,ib,angle
-  flix scope walker-1 --channels id,iq,theta --frequency -30 --direction 30
-  flix scope walker-1 --trigger 'f>15' --frequency 30 --direction 90
-  flix scope walker-1 --trigger fault --frequency 35 --direction 0 --for 1m
-  flix scope walker-1 --last
-  flix scope walker-1 --live --channels iq,f,bus")]
+  flix scope walker-3f2c --channels \"ia,ib,angle\"
+  flix scope walker-3f2c --channels \"id,iq,theta\" --frequency -30 --direction 30
+  flix scope walker-3f2c --trigger \"f>15\" --frequency 30 --direction 90
+  flix scope walker-3f2c --trigger fault --frequency 35 --direction 0 --for 1m
+  flix scope walker-3f2c --last
+  flix scope walker-3f2c --live --channels \"iq,f,bus\"
+
+Without its double quotes a level is a file name to most shells (f>15 writes to
+a file `15`), and a list is several words to PowerShell.")]
 pub struct Args {
     #[command(flatten)]
     robot: RobotArgs,
     /// Channels, with commas between them.
-    #[arg(long, value_name = "LIST", default_value = "iq,id,f,f_wanted,theta_error,bus")]
-    channels: String,
-    /// Trigger: now, fault, or a level such as 'top_iq>0.8' or 'bus<10'.
+    #[arg(
+        long,
+        value_name = "NAME",
+        value_delimiter = ',',
+        default_value = "iq,id,f,f_wanted,theta_error,bus"
+    )]
+    channels: Vec<String>,
+    /// Trigger: now, fault, or a level such as "top_iq>0.8" or "bus<10".
     #[arg(long, value_name = "WHEN", default_value = "now")]
     trigger: String,
     /// Share of the capture from before the trigger, 0 to 99 % [default: 50% for a fault or level].
@@ -103,7 +111,7 @@ fn percent(text: &str) -> Result<u16, String> {
 
 impl Args {
     fn plan(&self) -> Result<ScopePlan, Error> {
-        let mut channels = channels(&self.channels).map_err(Error::usage)?;
+        let mut channels = channels(&self.channels.join(",")).map_err(Error::usage)?;
         let trigger = trigger(&self.trigger, &mut channels).map_err(Error::usage)?;
         let plan = ScopePlan { channels: channels.into_iter().collect(), trigger, before: 0 };
         let share = match (trigger, self.pre) {

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::options::{RunArgs, show};
 use crate::arguments::ModelArgs;
 use crate::error::Error;
-use crate::output::print;
+use crate::output::{print, print_json};
 use flix_sim::experiment::walk::require_walker;
 use flix_sim::rig::shipped_mode_tables::shipped_table;
 use flix_sim::study::Table;
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let Some(table) = args.run.run(&study)? else { return Ok(ExitCode::SUCCESS) };
     let report = report(&table);
     if args.json {
-        print(&(serde_json::to_string_pretty(&report)? + "\n"))?;
+        print_json(&report)?;
     } else {
         print(&report.to_text())?;
         show(&table, &args.run.folder(&study))?;

@@ -59,6 +59,9 @@ pub struct RunArgs {
     /// Forget what an earlier run left there
     #[arg(long, conflicts_with = "resume")]
     pub restart: bool,
+    /// Take all results that an earlier run left there, of another build of this program too
+    #[arg(long, conflicts_with_all = ["resume", "restart"])]
+    pub another_build: bool,
 }
 
 impl RunArgs {
@@ -85,6 +88,7 @@ impl RunArgs {
             earlier: match (self.resume, self.restart) {
                 (true, _) => Earlier::All,
                 (_, true) => Earlier::Forget,
+                _ if self.another_build => Earlier::OfAnyBuild,
                 _ => Earlier::Unfinished,
             },
             interrupt: listen()?,

@@ -2,7 +2,11 @@
 //!
 //! Anyone can check this simulator with another, or go on there. Bodies, masses, hinges and contact are the
 //! same, with MuJoCo's elliptic friction cone; the friction that holds a foot fast is not (MuJoCo's creeps). Rotors are driven by `motor`
-//! actuators `top` and `bottom`, in N m about body +z.
+//! actuators `top` and `bottom`, in N m about body +z, up to the torque at the current limit; MuJoCo's rotors have neither friction nor
+//! back-EMF. Sensors give the angles and speeds of the rotors, and the pose and the motion of the base; the keyframe `standing` is the
+//! beginning.
+
+use flix_firmware::settings::Settings;
 
 use crate::model::links::{BASE_LINK, Link, links};
 use crate::model::xml::{escape, line, list};
@@ -53,12 +57,58 @@ pub fn mjcf(model: &RobotModel, step: f64, contact: [[f64; 2]; 4]) -> String {
     body(&mut out, model, contact);
     line(&mut out, 1, "</worldbody>");
     line(&mut out, 1, "<actuator>");
-    for name in ["top", "bottom"] {
-        line(&mut out, 2, &format!("<motor name=\"{name}\" joint=\"{name}\"/>"));
+    let most = largest_torque(model);
+    for name in ROTORS {
+        let range = format!("ctrlrange=\"-{most} {most}\"");
+        line(&mut out, 2, &format!("<motor name=\"{name}\" joint=\"{name}\" {range}/>"));
     }
     line(&mut out, 1, "</actuator>");
+    line(&mut out, 1, "<sensor>");
+    for name in ROTORS {
+        for (quantity, element) in [("angle", "jointpos"), ("speed", "jointvel")] {
+            let sensor = format!("<{element} name=\"{name}_{quantity}\" joint=\"{name}\"/>");
+            line(&mut out, 2, &sensor);
+        }
+    }
+    for (name, element) in [
+        ("position", "framepos"),
+        ("orientation", "framequat"),
+        ("velocity", "framelinvel"),
+        ("turn_rate", "frameangvel"),
+    ] {
+        let sensor =
+            format!("<{element} name=\"{name}\" objtype=\"xbody\" objname=\"{BASE_LINK}\"/>");
+        line(&mut out, 2, &sensor);
+    }
+    line(&mut out, 1, "</sensor>");
+    line(&mut out, 1, "<keyframe>");
+    let key = format!("<key name=\"standing\" qpos=\"{}\"/>", list(&standing(model)));
+    line(&mut out, 2, &key);
+    line(&mut out, 1, "</keyframe>");
     line(&mut out, 0, "</mujoco>");
     out
+}
+
+/// Joints of the rotors.
+const ROTORS: [&str; 2] = ["top", "bottom"];
+
+/// Returns the torque of a motor at the current limit of the robot's settings, N m.
+fn largest_torque(model: &RobotModel) -> f64 {
+    let electrical = &model.electrical;
+    let settings = electrical.stored_settings().ok().flatten().unwrap_or(Settings::DEFAULT);
+    let linked = 1e-3 * electrical.motor.flux_linkage_mwb * f64::from(electrical.motor.pole_pairs);
+    1.5 * linked * f64::from(settings.current_limit)
+}
+
+/// Returns the coordinates of a robot that stands: those of a free base, then of all other joints, which are zero.
+fn standing(model: &RobotModel) -> Vec<f64> {
+    let base = match model.base {
+        Base::Fixed {} => vec![],
+        Base::Planar { .. } => vec![0.0; 3],
+        Base::Free {} => vec![0.0, 0.0, model.standing_height(), 1.0, 0.0, 0.0, 0.0],
+    };
+    let hinges = links(model).iter().map(|link| link.hinges.len()).sum();
+    base.into_iter().chain(std::iter::repeat_n(0.0, hinges)).collect()
 }
 
 /// The body and all that it carries: fixed parts as bodies without joints, rotors and legs.

@@ -15,9 +15,11 @@ mod unknowns;
 
 pub use unknowns::{Fit, Unknown, WIDEST, apply, point, unknowns, values};
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use flix_host::nav::Twist;
+use flix_host::system::file::is_held_elsewhere;
 use flix_host::system::interrupt::Interrupt;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -183,6 +185,12 @@ pub enum CalibrationError {
         /// Why.
         reason: String,
     },
+    /// Another process searches with this checkpoint.
+    #[error("another process keeps its search in {}: wait until it has ended, or choose another folder with --out", path.display())]
+    Busy {
+        /// The file.
+        path: PathBuf,
+    },
     /// Somebody asked to end. Whole generations are kept.
     #[error("interrupted after {0} generations; run the same command again to go on")]
     Interrupted(u64),
@@ -202,6 +210,7 @@ pub fn calibrate(
     if settings.base.legs.is_none() {
         return Err(CalibrationError::NoLegs(settings.base.name.clone()));
     }
+    let _alone = lock(settings)?;
     let unknowns = unknowns(settings.fit, settings.widen);
     let mut progress = begin(settings, &unknowns)?;
     report(&progress);
@@ -388,6 +397,20 @@ fn anywhere(settings: &Settings, unknowns: &[Unknown]) -> Result<Vec<f64>, Calib
     Ok(best.map_or_else(|| point(unknowns, &settings.base), |(point, _)| point))
 }
 
+/// Keeps other processes from this checkpoint, until the file is closed.
+fn lock(settings: &Settings) -> Result<File, CalibrationError> {
+    let path = settings.checkpoint.with_extension("lock");
+    let failed = |source| CalibrationError::Keep { path: path.clone(), source };
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(failed)?;
+    }
+    let file = File::options().create(true).append(true).open(&path).map_err(failed)?;
+    if is_held_elsewhere(&file) {
+        return Err(CalibrationError::Busy { path: settings.checkpoint.clone() });
+    }
+    Ok(file)
+}
+
 fn keep(settings: &Settings, progress: &Progress) -> Result<(), CalibrationError> {
     let failed = |source| CalibrationError::Keep { path: settings.checkpoint.clone(), source };
     let text = toml::to_string(progress).map_err(|e| failed(std::io::Error::other(e)))?;
@@ -449,6 +472,18 @@ mod tests {
         calibrate(&first, |_| {}).unwrap();
         let again = calibrate(&settings(parts.path()), |_| {}).unwrap();
         assert_eq!(once, again);
+    }
+
+    #[test]
+    fn a_search_that_another_process_keeps_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = settings(folder.path());
+        let other = lock(&settings).unwrap();
+        let refused = calibrate(&settings, |_| ());
+        assert!(matches!(refused, Err(CalibrationError::Busy { .. })));
+        assert!(!settings.checkpoint.exists());
+        drop(other);
+        assert!(lock(&settings).is_ok());
     }
 
     #[test]

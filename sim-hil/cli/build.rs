@@ -1,0 +1,16 @@
+//! Sets `FLIX_VERSION`: the version of the package, and the newest commit of its sources.
+
+fn main() {
+    flix_version::emit(&[
+        "protocol",
+        "firmware",
+        "host",
+        "host/plot",
+        "host/shell",
+        "sim-hil",
+        "sim-hil/plant",
+        "sim-hil/batch",
+        "sim-hil/study",
+        "sim-hil/cli",
+    ]);
+}
