@@ -30,6 +30,8 @@ use crate::tree::{Tree, short};
 const SHOWN: usize = 40;
 /// What a command of a lane starts with where it is this program.
 const OURS: &str = "cargo xtask ";
+/// How much a lane that is not `paced` yields to others: to a tenth of their share of a processor.
+const NICENESS: &str = "10";
 
 /// What is done with which lanes.
 #[derive(clap::Args)]
@@ -229,9 +231,11 @@ impl Program {
             // Where the time goes.
             let times = "echo 'user and system time, of the shell and of what it ran:'; times";
             let timed = format!("trap \"{times}\" EXIT; {command}");
+            let niceness = if lane.paced { "0" } else { NICENESS };
             run::run(
-                run::command("bash")
+                run::command("nice")
                     .current_dir(tree.root())
+                    .args(["-n", niceness, "bash"])
                     .args(["-euo", "pipefail", "-c", &timed])
                     .env("XTASK", &self.0)
                     // Nothing is skipped for want of a program.

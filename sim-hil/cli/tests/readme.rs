@@ -52,7 +52,7 @@ const ALIASES: [&str; 2] = [
     r#"sim = "run --release --package flix-sim-cli --""#,
 ];
 /// Longest time that one command may take: a hang, not slowness.
-const PATIENCE: Duration = Duration::from_secs(900);
+const PATIENCE: Duration = Duration::from_secs(3_600);
 /// Priority of what only computes: the lowest.
 const BESIDE: i32 = 19;
 /// Options of features that are not built here.

@@ -68,6 +68,9 @@ pub(super) struct Lane {
     /// Whether it builds in folders of its own, so that it may run beside the tests.
     #[serde(default)]
     pub(super) apart: bool,
+    /// Whether a program of it has to keep up with the wall clock: all other lanes run at a lower priority.
+    #[serde(default)]
+    pub(super) paced: bool,
     /// Its last green run.
     pub(super) last: Option<Record>,
 }

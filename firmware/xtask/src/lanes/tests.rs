@@ -385,6 +385,21 @@ fn those_that_are_due_run_and_leave_their_record_and_are_not_run_again() {
 }
 
 #[test]
+fn all_but_those_that_keep_up_with_the_clock_yield_to_others() {
+    let clone = small();
+    let niceness = |lane: &str| -> i32 {
+        clone.run(&["--all", lane]).unwrap();
+        let log = std::fs::read_to_string(clone.path(&format!("logs/{lane}.log"))).unwrap();
+        log.lines().find_map(|line| line.parse().ok()).unwrap()
+    };
+    clone.edit(FILE, "echo script", "nice");
+    let of_others = niceness("script");
+    clone.edit(FILE, "name = \"script\"", "name = \"script\"\npaced = true");
+    // A session may run at the lowest priority.
+    assert!(niceness("script") < of_others || of_others == 19);
+}
+
+#[test]
 fn those_that_run_beside_the_tests_and_the_others_are_all() {
     let clone = small();
     clone.edit(FILE, "name = \"script\"", "name = \"script\"\napart = true");
