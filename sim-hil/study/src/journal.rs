@@ -9,6 +9,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use flix_host::system::file;
 use flix_sim::study::{Column, Fingerprint, Kind, Row, Value};
 use sha2::{Digest, Sha256};
 
@@ -81,7 +82,7 @@ impl Journal {
         earlier: Earlier,
     ) -> Result<(Self, BTreeMap<usize, Row>), JournalError> {
         let failed = |source| JournalError::File { path: path.to_owned(), source };
-        flix_host::system::file::check_writable(path).map_err(failed)?;
+        file::check_writable(path).map_err(failed)?;
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)
@@ -90,7 +91,7 @@ impl Journal {
             .open(path)
             .map_err(failed)?;
         // Where a network's folder has no locks, the check sums have to do.
-        if flix_host::system::file::is_held_elsewhere(&file) {
+        if file::is_held_elsewhere(&file) {
             return Err(JournalError::Busy { path: path.to_owned() });
         }
         if earlier == Earlier::Forget {
@@ -99,12 +100,10 @@ impl Journal {
         // Whatever damage made of it: rows are checked one by one.
         let mut bytes = Vec::new();
         io::Read::read_to_end(&mut file, &mut bytes).map_err(failed)?;
-        if bytes.windows(2).any(|pair| pair == b"\r\n") {
-            // An editor or a transfer has ended its lines as Windows does.
+        // An editor or a transfer may have ended its lines as Windows does.
+        let has_returns = bytes.windows(2).any(|pair| pair == b"\r\n");
+        if has_returns {
             bytes.retain(|byte| *byte != b'\r');
-            file.set_len(0).map_err(failed)?;
-            file.seek(SeekFrom::Start(0)).map_err(failed)?;
-            file.write_all(&bytes).map_err(failed)?;
         }
         let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |last| last + 1);
         let text = String::from_utf8_lossy(&bytes);
@@ -139,12 +138,17 @@ impl Journal {
             parse(&reader.records().next()?.ok()?, columns, &by)
         };
         let rows: Vec<(usize, Row)> = text.lines().skip(2).filter_map(row).collect();
-        if by == *fingerprint {
+        if by != *fingerprint || has_returns {
+            let bytes = [journal.header.as_bytes(), &journal.lines(&rows)?].concat();
+            journal.file = file::replace(path, |mut new: &File| {
+                let _ = file::is_held_elsewhere(new);
+                new.write_all(&bytes)?;
+                new.try_clone()
+            })
+            .map_err(failed)?;
+        } else {
             journal.file.set_len(whole as u64).map_err(failed)?;
             journal.file.seek(SeekFrom::End(0)).map_err(failed)?;
-        } else {
-            journal.begin()?;
-            journal.append(&rows)?;
         }
         Ok((journal, rows.into_iter().collect()))
     }
@@ -159,6 +163,12 @@ impl Journal {
 
     /// Writes these cells through to the disk.
     pub(super) fn append(&mut self, rows: &[(usize, Row)]) -> Result<(), JournalError> {
+        let bytes = self.lines(rows)?;
+        let failed = |source| JournalError::File { path: self.path.clone(), source };
+        self.file.write_all(&bytes).and_then(|()| self.file.sync_data()).map_err(failed)
+    }
+
+    fn lines(&self, rows: &[(usize, Row)]) -> Result<Vec<u8>, JournalError> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         let failed = |source| JournalError::File { path: self.path.clone(), source };
         for (cell, row) in rows {
@@ -172,8 +182,7 @@ impl Journal {
             fields.push(check(&self.fingerprint, fields.iter().map(String::as_str)));
             writer.write_record(fields).map_err(|error| failed(error.into()))?;
         }
-        let bytes = writer.into_inner().map_err(|error| failed(error.into_error()))?;
-        self.file.write_all(&bytes).and_then(|()| self.file.sync_data()).map_err(failed)
+        writer.into_inner().map_err(|error| failed(error.into_error()))
     }
 }
 
