@@ -88,6 +88,16 @@ fn follows_a_figure_eight_within_40_mm_on_a_link_of_100_ms_that_loses_a_fifth() 
 }
 
 #[test]
+fn along_a_figure_eight_the_robot_keeps_to_neither_side() {
+    let path = Path::figure_eight(1.2, 0.6).unwrap();
+    let start = path.start();
+    let mut course = course(Task::Follow { path, laps: 1 }, 11, start);
+    assert_eq!(until_end(&mut course, 200), Ending::Finished);
+    let progress = course.pilot().helm().progress();
+    assert!(progress.error_mean.abs() < 1.5e-3 && progress.error_rms < 0.012, "{progress:?}");
+}
+
+#[test]
 fn comes_home_from_any_heading_within_50_mm() {
     for (seed, heading) in [(2, 3.0), (3, -1.5)] {
         let start = PlanarPose { x: 0.3, y: -0.2, heading };
@@ -199,6 +209,29 @@ fn poses_of_a_lost_body_and_flips_that_last_end_the_run_at_rest() {
         let (ending, way, rests) = deceived(lie.clone(), second, 5 * second);
         assert!(matches!(ending, Ending::Stopped(EndReason::Jumped { .. })), "{ending:?}");
         assert!(rests && way < 0.25, "{lie:?}: {way} m");
+    }
+}
+
+#[test]
+fn axes_of_the_tracked_body_that_are_turned_are_named_within_10_s() {
+    for (seed, degrees) in [(1, 20.0_f64), (2, -20.0), (3, 90.0), (4, 0.0)] {
+        let path = Path::figure_eight(1.6, 0.8).unwrap();
+        let start = path.start();
+        let mut course = course(Task::Follow { path, laps: 1 }, seed, start);
+        let lie = Lie::Turned(degrees.to_radians());
+        course.deceive(Some(TrackerFault::for_ever(lie, course.now())));
+        until_walking(&mut course);
+        let end = course.now() + Duration::from_secs(10);
+        let mut named = None;
+        while course.now() < end && named.is_none() {
+            assert_eq!(course.step().unwrap(), None);
+            named = course.pilot().helm().turned();
+        }
+        let is_right = match named {
+            Some(named) => degrees != 0.0 && (named - degrees).abs() < 5.0,
+            None => degrees == 0.0,
+        };
+        assert!(is_right, "{degrees}: {named:?}");
     }
 }
 

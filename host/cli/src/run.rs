@@ -216,6 +216,16 @@ impl HeightCheck {
     }
 }
 
+/// Returns the remark on a tracked body whose axes are turned to the left by so many degrees.
+fn of_turned_axes(degrees: f64) -> String {
+    let (seen, turned) = if degrees > 0.0 { ("right", "left") } else { ("left", "right") };
+    let degrees = degrees.abs();
+    format!(
+        "the robot walks {degrees:.0} degrees to the {seen} of its commands: the forward axis of the tracked body is turned by \
+         {degrees:.0} degrees to the {turned}; turn it back in the tracker, or measure the modes by these axes with `flix identify`"
+    )
+}
+
 /// A connected robot with its poses.
 pub struct Run {
     connection: Connection,
@@ -262,7 +272,7 @@ impl Run {
             bar.set_style(style);
         }
         let is_planar = self.source.is_planar();
-        let (mut is_warned, mut is_remarked) = (false, false);
+        let (mut is_warned, mut is_remarked, mut is_turned) = (false, false, false);
         let heights = &mut self.heights;
         let watch = |pilot: &Pilot<H>, poses: &[PoseSample]| {
             for sample in poses {
@@ -278,6 +288,10 @@ impl Run {
             {
                 is_remarked = true;
                 bar.suspend(|| complain(cost));
+            }
+            if let Some(degrees) = pilot.helm().turned().filter(|_| !is_turned) {
+                is_turned = true;
+                bar.suspend(|| complain(of_turned_axes(degrees)));
             }
             bar.set_message(message(pilot));
             bar.tick();

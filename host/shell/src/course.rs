@@ -313,6 +313,7 @@ pub fn results(navigator: &Navigator, seconds: f64) -> BTreeMap<String, String> 
         _ if progress.error == 0.0 && progress.error_peak == 0.0 => vec![],
         Task::Follow { .. } => vec![
             ("path_error_rms_mm".into(), millimetres(progress.error_rms)),
+            ("path_error_mean_mm".into(), millimetres(progress.error_mean)),
             ("path_error_peak_mm".into(), millimetres(progress.error_peak)),
             ("laps".into(), fixed(progress.laps, 2)),
         ],

@@ -16,6 +16,7 @@
 //! Everything here takes the time as an argument and returns what to do. [`Position`] and
 //! [`PlanarPose`] fix frame and units: world frame ENU, metres, radians counter-clockwise.
 
+mod bearing;
 mod belief;
 mod end_reason;
 mod estimator;

@@ -176,6 +176,8 @@ pub struct Progress {
     pub error: f64,
     /// Root mean square of the error over the time since the path was joined, m.
     pub error_rms: f64,
+    /// Mean of the error over that time, m.
+    pub error_mean: f64,
     /// Largest error since then, m.
     pub error_peak: f64,
     /// Arc length covered on the path, m.
@@ -196,6 +198,11 @@ const CORRIDOR_MARGIN: f64 = 0.3;
 
 /// A robot that has not left this length of its path, m, is held.
 const HELD_WITHIN: f64 = 0.05;
+
+/// Rate at which the error along the path is integrated into [`Prospects::trim`], 1/s: slower than a change of mode by far; and the
+/// largest trim, m.
+const TRIM_RATE: f64 = 0.15;
+const LARGEST_TRIM: f64 = 0.015;
 
 /// Time for which poses stand before the robot walks, s, and the longest time to wait for that: those of a robot that walks
 /// are not believed for so long.
@@ -232,6 +239,10 @@ pub struct Navigator {
     measured: PlanarPose,
     /// Integral of the squared error over time, m^2 s.
     squared_error: f64,
+    /// Integral of the error over time, m s.
+    summed_error: f64,
+    /// See [`Prospects::trim`].
+    trim: f64,
     /// Time since the path was joined, s.
     joined_for: f64,
     /// Arc length at which a closed path was joined.
@@ -332,6 +343,8 @@ impl Navigator {
             trusted: None,
             measured: PlanarPose::default(),
             squared_error: 0.0,
+            summed_error: 0.0,
+            trim: 0.0,
             joined_for: 0.0,
             joined_at: 0.0,
             progress: Progress::default(),
@@ -348,6 +361,13 @@ impl Navigator {
     #[must_use]
     pub fn task(&self) -> &Task {
         &self.task
+    }
+
+    /// Returns by how many degrees the axes of the tracked body are turned to the left of the robot's; `None` where the robot walks
+    /// as commanded, or differs from its mode table in more than that angle.
+    #[must_use]
+    pub fn turned(&self) -> Option<f64> {
+        self.plausibility.turned()
     }
 
     /// Returns the settings.
@@ -575,7 +595,11 @@ impl Navigator {
         match goal_of(&self.task, &self.progress) {
             Goal::Reach { point } if self.should_rest_at(now, point) => REST,
             goal => match &self.controller {
-                Controller::Predictive => self.look_ahead(now, goal, self.prospects()),
+                Controller::Predictive => {
+                    let mut prospects = self.prospects();
+                    prospects.trim = self.trim;
+                    self.look_ahead(now, goal, prospects)
+                }
                 Controller::TwoState(controller) => self.turn_towards(controller, goal),
                 Controller::Learned { outlook } => {
                     let mut prospects = self.prospects();
@@ -690,10 +714,14 @@ impl Navigator {
         if progress.joined {
             let seconds = elapsed.as_secs_f64();
             self.squared_error += progress.error.powi(2) * seconds;
+            self.summed_error += progress.error * seconds;
             self.joined_for += seconds;
+            let trim = self.trim + TRIM_RATE * progress.error * seconds;
+            self.trim = trim.clamp(-LARGEST_TRIM, LARGEST_TRIM);
             progress.error_peak = progress.error_peak.max(progress.error.abs());
         }
         if self.joined_for > 0.0 {
+            progress.error_mean = self.summed_error / self.joined_for;
             progress.error_rms = (self.squared_error / self.joined_for).sqrt();
         }
     }

@@ -18,6 +18,7 @@ use std::time::Duration;
 
 use flix_protocol::units::Instant;
 
+use super::bearing::Bearing;
 use super::end_reason::EndReason;
 use crate::pose::continuity::{FASTEST, FASTEST_TURN, REACH, STEADY_TIME, TURN};
 use crate::pose::geometry::{PlanarPose, wrap};
@@ -29,7 +30,7 @@ const WINDOW: f64 = 0.5;
 /// Halves of windows that are kept, 1.5 s: the commanded motion may be up to 1 s older.
 const SLOTS: usize = 6;
 /// Length by which a turn counts as a motion, m: half the robot's.
-const ARM: f64 = 0.1;
+pub(super) const ARM: f64 = 0.1;
 /// Motion in a window below which a robot stands, m: well above the noise of motion capture.
 const STANDS: f64 = 0.01;
 /// Agreement from which poses answer: that of a robot which moves in the commanded direction at 0.15 to 6.5 times the expected
@@ -66,6 +67,7 @@ pub(crate) struct Plausibility {
     /// Seconds.
     doubt: f64,
     jump: Option<EndReason>,
+    bearing: Bearing,
 }
 
 /// Motions in half a window.
@@ -125,6 +127,8 @@ impl Plausibility {
         }
         if slot.seconds >= 0.5 * WINDOW {
             let passed = slot.seconds;
+            let [last, before, ..] = self.slots;
+            self.bearing.add(last.seen, last.commanded[1], before.commanded[1]);
             self.doubt = (self.doubt + passed * (1.0 - self.agreement(time) / ENOUGH)).max(0.0);
             self.slots.rotate_right(1);
             self.slots[0] = Slot::default();
@@ -155,6 +159,11 @@ impl Plausibility {
         let frozen = || EndReason::NotMoving { walked };
         let stands = self.stands_for(time, WINDOW).then(frozen);
         self.jump.clone().or(stands).or(Some(EndReason::NotAnswering { walked }))
+    }
+
+    /// Returns by how many degrees the axes of the tracked body are turned to the left of the robot's, where they are.
+    pub(crate) fn turned(&self) -> Option<f64> {
+        self.bearing.turned()
     }
 
     /// Returns whether the robot has stood for so many seconds.
@@ -194,7 +203,7 @@ fn length(moved: Moved) -> f64 {
 }
 
 /// Size of a motion with its turn, m.
-fn size(moved: Moved) -> f64 {
+pub(super) fn size(moved: Moved) -> f64 {
     length(moved).hypot(ARM * moved[2])
 }
 

@@ -59,6 +59,8 @@ pub struct Prospects<'a> {
     pub pace: Option<&'a Pace>,
     /// What the way ahead costs, where that is known.
     pub outlook: Option<&'a Outlook>,
+    /// Distance to the right of the path that is steered along, m: the search leaves a robot to one side of what it steers along.
+    pub trim: f64,
     /// Fastest translation of any mode, m/s.
     cruise_speed: f64,
     /// Direction of that translation relative to the heading, rad.
@@ -96,6 +98,7 @@ impl<'a> Prospects<'a> {
             weights: Weights::PREDICTIVE,
             pace: None,
             outlook: None,
+            trim: 0.0,
             cruise_speed,
             cruise_course,
             turn,
@@ -169,7 +172,7 @@ impl<'a> Prospects<'a> {
                 let progress = (place.arc_length - node.arc_length) / STEP;
                 node.arc_length = place.arc_length;
                 let usual = self.speed_along(place.tangent);
-                self.weights.robust(place.error)
+                self.weights.robust(place.error + self.trim)
                     - self.weights.progress * (progress / usual).clamp(-2.0, 2.0)
             }
             Goal::Reach { point } => self.weights.robust(node.pose.distance_to(point)),
@@ -186,7 +189,7 @@ impl<'a> Prospects<'a> {
                 }
                 let course = path.course(node.pose.position(), &place, self.weights.return_length);
                 let astray = 1.0 - self.course_error(node, course).cos();
-                self.weights.tail * self.weights.robust(place.error) + self.weights.course * astray
+                self.weights.tail * self.weights.robust(place.error + self.trim) + self.weights.course * astray
             }
             Goal::Reach { point } => {
                 let distance = node.pose.distance_to(point);

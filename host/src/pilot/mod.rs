@@ -50,6 +50,10 @@ pub trait Helm {
     fn progress(&self) -> Option<(PlanarPose, Progress)> {
         None
     }
+    /// Returns by how many degrees the axes of the tracked body are turned to the left of the robot's, if the helm can tell.
+    fn turned(&self) -> Option<f64> {
+        None
+    }
 }
 
 impl Helm for Navigator {
@@ -71,6 +75,10 @@ impl Helm for Navigator {
 
     fn progress(&self) -> Option<(PlanarPose, Progress)> {
         self.pose().map(|pose| (pose, self.progress()))
+    }
+
+    fn turned(&self) -> Option<f64> {
+        self.turned()
     }
 }
 

@@ -83,6 +83,8 @@ pub struct Report {
     pub ending: String,
     /// Root mean square of the distance from the path, mm.
     pub path_error_rms_mm: f64,
+    /// Mean of it, positive to the left of the path, mm.
+    pub path_error_mean_mm: f64,
     /// Largest distance from it, mm.
     pub path_error_peak_mm: f64,
     /// Laps walked.
@@ -194,6 +196,7 @@ fn finish(
         finished: *ending == Ending::Finished,
         ending: ending.to_string(),
         path_error_rms_mm: progress.error_rms * 1e3,
+        path_error_mean_mm: progress.error_mean * 1e3,
         path_error_peak_mm: progress.error_peak * 1e3,
         laps: progress.laps,
         seconds,
