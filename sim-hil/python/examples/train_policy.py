@@ -59,9 +59,10 @@ FIRST = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 0.16], [0.0, 0.0192]])
 SECOND = np.array([[0.0, 0.0], [0.0, 0.0], [2.0, 2.0], [0.0, 0.48]])
 
 
-def environment(robots, task, **more):
+def environment(robots, task, seconds, step):
     """Return robots drawn from the ranges, on one core."""
-    envs = gymnasium.make_vec("FlixWalker-v1", num_envs=robots, task=task, model=MODEL, randomize=RANGES, threads=1, **more)
+    kept = {"task": task, "model": MODEL, "randomize": RANGES, "seconds": seconds, "step": step, "threads": 1}
+    envs = gymnasium.make_vec("FlixWalker-v1", num_envs=robots, max_episode_steps=int(seconds / INTERVAL), **kept)
     return envs.unwrapped
 
 

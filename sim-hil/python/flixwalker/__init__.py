@@ -39,9 +39,11 @@ else:
         id="FlixWalker-v0",
         entry_point="flixwalker.env:FlixWalkerEnv",
         vector_entry_point="flixwalker.env:FlixWalkerVectorEnv",
+        max_episode_steps=240,
     )
     _gymnasium.register(
         id="FlixWalker-v1",
         entry_point="flixwalker.env:newest",
         vector_entry_point="flixwalker.env:newest_vector",
+        max_episode_steps=240,
     )

@@ -6,6 +6,7 @@ Every quarter of a second the agent sees where the robot is and how it moved, an
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -43,6 +44,13 @@ ENERGY_SHARE = 0.1
 LONGEST_STEP_S = 1e-3
 
 TASKS = ("path", "home", "speed", "transport")
+#: Length of an episode that nobody states, s.
+EPISODE_S = 60.0
+RENDER_MODES = ["html", "rgb_array"]
+#: Side of a picture, pixels; floor that it shows around the path, or around home or the robot, m; lines of the floor, m apart.
+PIXELS, MARGIN_M, AROUND_M, LINES_M = 480, 0.15, 0.65, 0.1
+#: Colours of lines, goal, robot and its front.
+LINE, GOAL, BODY, FRONT = (225, 225, 225), (0, 114, 178), (110, 110, 110), (213, 94, 0)
 
 #: FlixWalker-v1: points of the path, how far apart, m, and which of them are seen, m ahead of the nearest.
 SPACING_M, AHEAD_M = 2e-3, (0.025, 0.05, 0.1, 0.15)
@@ -85,8 +93,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         least. The robot's place on it is looked for within one of these, or 150 mm, of the last one; a place further along than
         it has walked, by a short cut, is not paid for.
     seconds, max_episode_steps
-        Length of an episode, s, or in actions, which counts where it is given. `gymnasium.make` keeps a `max_episode_steps`
-        to itself, so that it can shorten an episode and no more: give it `seconds`. `make_vec` passes both on.
+        Length of an episode, s and in actions: the shorter one counts, 60 s if none is given. `gymnasium.make` and `make_vec` give
+        240 actions; for a longer episode give them both.
     interval, step
         Time between two actions, and of the integration, s; the first is a whole number of the second.
     threads
@@ -95,13 +103,14 @@ class FlixWalkerVectorEnv(VectorEnv):
         When a robot whose episode is over begins anew: at the next step, which its action is lost to; at the same step,
         with the last observation in ``info["final_obs"]``; or by ``reset`` with ``options["reset_mask"]`` alone.
     render_mode
-        ``"html"``: `render` returns a page that plays the first robot's episode.
+        ``"html"``: `render` returns a page that plays the first robot's episode. ``"rgb_array"``: a picture of the floor from
+        above, (480, 480, 3), of each robot.
 
     Observations (9): x and y in m, cosine and sine of the heading, speed forward and to the left in m/s and yaw rate in
     rad/s (means over the last interval), and the goal ahead and to the left in m: the next point of the path, or home.
     """
 
-    metadata = {"render_modes": ["html"], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata = {"render_modes": RENDER_MODES, "autoreset_mode": AutoresetMode.NEXT_STEP}
     #: What changes, beside the batch.
     _LASTING: tuple[str, ...] = ("weight", "steps", "done", "place", "behind", "credit", "owed", "motion", "anchor", "billed")
     #: The same, once it was reset.
@@ -115,7 +124,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         model: Model | str = "W",
         randomize: Mapping[str | tuple[str, ...], tuple[float, float]] | None = None,
         path: np.ndarray | None = None,
-        seconds: float = 60.0,
+        seconds: float | None = None,
         interval: float = 0.25,
         step: float = 1e-4,
         threads: int | None = None,
@@ -127,8 +136,8 @@ class FlixWalkerVectorEnv(VectorEnv):
             raise ValueError(f"task is {task!r}: choose one of {', '.join(TASKS)}")
         if actions not in ("pair", "modes"):
             raise ValueError(f'actions is {actions!r}: choose "pair" or "modes"')
-        if render_mode not in (None, "html"):
-            raise ValueError(f'render_mode is {render_mode!r}: choose "html" or none')
+        if render_mode not in (None, *RENDER_MODES):
+            raise ValueError(f"render_mode is {render_mode!r}: choose one of {', '.join(RENDER_MODES)}, or none")
         _arguments.refuse_less_than_one("num_envs", num_envs)
         self.num_envs = num_envs
         self.render_mode = render_mode
@@ -156,7 +165,7 @@ class FlixWalkerVectorEnv(VectorEnv):
                     raise ValueError(f"randomize names {name}, which is 0, and any factor of it is 0: leave it out")
             self._drawn_at({field: low})
             self._drawn_at({field: high})
-        step, seconds = _arguments.number("step", step), _arguments.number("seconds", seconds)
+        step = _arguments.number("step", step)
         if not 0.0 < step <= LONGEST_STEP_S:
             raise ValueError(f"step is {step} s: choose more than 0, and {LONGEST_STEP_S} s at most")
         interval = _arguments.number("interval", interval)
@@ -165,14 +174,20 @@ class FlixWalkerVectorEnv(VectorEnv):
             raise ValueError(f"interval is {interval} s and step {step} s: choose an interval of whole steps")
         self.interval = interval
         self.step_s = step
-        if not 0.0 < seconds < np.inf:
-            raise ValueError(f"seconds is {seconds}: choose more than 0")
-        if max_episode_steps is None:
-            max_episode_steps = max(1, round(seconds / interval))
-        _arguments.refuse_less_than_one("max_episode_steps", max_episode_steps)
-        self.limit = max_episode_steps
+        if max_episode_steps is not None:
+            _arguments.refuse_less_than_one("max_episode_steps", max_episode_steps)
+        if seconds is None and max_episode_steps is None:
+            seconds = EPISODE_S
+        self.limit = np.inf if max_episode_steps is None else max_episode_steps
+        if seconds is not None:
+            seconds = _arguments.number("seconds", seconds)
+            if not 0.0 < seconds < np.inf:
+                raise ValueError(f"seconds is {seconds}: choose more than 0")
+            self.limit = min(self.limit, max(1, round(seconds / interval)))
+            _remark_on_shorter(max_episode_steps, interval, seconds)
+        self.seconds = seconds
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, **_pace(render_mode, interval)}
         self.modes = np.array([[f, theta] for _, f, theta in paper_pairs()])
         self.single_action_space: spaces.Space[Any] = (
             spaces.Discrete(len(self.modes))
@@ -290,11 +305,38 @@ class FlixWalkerVectorEnv(VectorEnv):
             info["energy_j"] = self.batch.energy.copy()
         return self._observe(), reward, terminated, truncated, info
 
-    def render(self) -> str | None:
-        """Return a page for the browser with the first robot's episode so far."""
+    def render(self) -> str | tuple[np.ndarray, ...] | None:
+        """Return a page for the browser with the first robot's episode so far, or a picture of each robot."""
+        if self.render_mode == "rgb_array":
+            return tuple(self._picture(robot) for robot in range(self.num_envs))
         if self.film is None:
             return None
         return self.film.to_html(f"FlixWalker, {self.task}")
+
+    def _picture(self, robot: int) -> np.ndarray:
+        """Draw the floor around path, home or robot from above, x to the right: the goal, and the robot with its front."""
+        at, yaw = self.batch.position[robot, :2], self.batch.yaw[robot]
+        middle, half = (np.zeros(2) if self.task == "home" else at), AROUND_M
+        goals = np.zeros((self.task == "home", 2))
+        if self.task == "path":
+            goals, low, high = self.places, self.path.min(axis=0), self.path.max(axis=0)
+            middle, half = 0.5 * (low + high), 0.5 * (high - low).max() + MARGIN_M
+        pixel = 2.0 * half / PIXELS
+        side = pixel * (np.arange(PIXELS) + 0.5) - half
+        x, y = middle[0] + side[None, :], middle[1] - side[:, None]
+        picture = np.full((PIXELS, PIXELS, 3), 255, dtype=np.uint8)
+        picture[(x % LINES_M < pixel) | (y % LINES_M < pixel)] = LINE
+        column, row = ((goals - middle) * (1, -1) + half).T // pixel
+        for right in (-1, 0, 1):
+            for down in (-1, 0, 1):
+                places = np.stack([row + down, column + right]).astype(np.int64)
+                picture[tuple(places.clip(0, PIXELS - 1))] = GOAL
+        ahead, left = (part.reshape(PIXELS, PIXELS) for part in _turned(_offsets(x, y, at), yaw))
+        half_length, half_width = (0.5e-3 * self.model[f"plate.{side}_mm"] for side in ("length", "width"))
+        body = (np.abs(ahead) <= half_length) & (np.abs(left) <= half_width)
+        picture[body] = BODY
+        picture[body & (ahead > 0.5 * half_length)] = FRONT
+        return picture
 
     def get_state(self) -> dict[str, Any]:
         """Return robots, episodes and random numbers, for `set_state` of an environment that was made alike."""
@@ -339,7 +381,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         self._film()
 
     def _film(self) -> None:
-        if self.render_mode is None or self.done[0]:
+        if self.render_mode != "html" or self.done[0]:
             self.film = None
             return
         reference = self.path.tolist() if self.task == "path" else []
@@ -503,9 +545,9 @@ class FlixWalkerVectorEnv(VectorEnv):
 
 
 class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
-    """One robot; parameters, observations and rewards are those of `FlixWalkerVectorEnv`."""
+    """One robot; parameters, observations and rewards are those of `FlixWalkerVectorEnv`, and so are the starts of one seed."""
 
-    metadata = {"render_modes": ["html"], "render_fps": 40}
+    metadata = {"render_modes": RENDER_MODES, "render_fps": 40}
     _kind: type[FlixWalkerVectorEnv] = FlixWalkerVectorEnv
 
     def __init__(self, **parameters: Any) -> None:
@@ -513,10 +555,26 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
             raise TypeError("one robot begins anew by reset alone: autoreset_mode is for many")
         self.many = self._kind(1, **{"threads": 1, **parameters})
         self.render_mode = self.many.render_mode
+        self.metadata = {**self.metadata, **_pace(self.render_mode, self.many.interval)}
         self.observation_space = self.many.single_observation_space
         self.action_space = self.many.single_action_space
-        # Whose numbers the starts are: another one may be set.
-        self._drawn_from: np.random.Generator | None = None
+
+    # Gymnasium keeps the generator and its seed under these names.
+    @property
+    def _np_random(self) -> np.random.Generator | None:
+        return self.many._np_random
+
+    @_np_random.setter
+    def _np_random(self, generator: np.random.Generator | None) -> None:
+        self.many._np_random = generator
+
+    @property
+    def _np_random_seed(self) -> int | None:
+        return self.many._np_random_seed
+
+    @_np_random_seed.setter
+    def _np_random_seed(self, seed: int | None) -> None:
+        self.many._np_random_seed = seed
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -524,18 +582,8 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
         """Put the robot to a new start."""
         if isinstance(seed, bool):
             raise ValueError(f"seed is {seed}: give a whole number")
-        before = self._np_random, self._np_random_seed
-        try:
-            super().reset(seed=seed)
-            if seed is not None or self._drawn_from is None or self._np_random is not self._drawn_from:
-                seen, _ = self.many.reset(seed=[int(self.np_random.integers(2**63))])
-            else:
-                seen, _ = self.many.reset()
-        except BaseException:
-            # What was before stays where it is refused.
-            self._np_random, self._np_random_seed = before
-            raise
-        self._drawn_from = self._np_random
+        seen, _ = self.many.reset(seed=None if seed is None else [seed])
+        _remark_on_shorter(self.spec and self.spec.max_episode_steps, self.many.interval, self.many.seconds)
         return seen[0], {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -553,21 +601,16 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
 
     def get_state(self) -> dict[str, Any]:
         """Return robot, episode and random numbers, for `set_state` of an environment that was made alike."""
-        seeds = self._np_random, self._np_random_seed, self._np_random is self._drawn_from
-        return self.many.get_state() | {"seeds": copy.deepcopy(seeds)}
+        return self.many.get_state()
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
-        seeds = state.get("seeds") if isinstance(state, Mapping) else None
-        if not isinstance(seeds, tuple) or len(seeds) != 3:
-            raise ValueError("this is no state of one robot's environment: give what its get_state returned")
-        self.many.set_state({name: value for name, value in state.items() if name != "seeds"})
-        self._np_random, self._np_random_seed, is_drawn_from = copy.deepcopy(seeds)
-        self._drawn_from = self._np_random if is_drawn_from else None
+        self.many.set_state(state)
 
-    def render(self) -> str | None:
-        """Return a page for the browser with the episode so far."""
-        return self.many.render()
+    def render(self) -> str | np.ndarray | None:
+        """Return a page for the browser with the episode so far, or a picture."""
+        shown = self.many.render()
+        return shown[0] if isinstance(shown, tuple) else shown
 
 
 class FlixWalkerPathVectorEnv(FlixWalkerVectorEnv):
@@ -664,6 +707,26 @@ def _distinct(path: np.ndarray) -> np.ndarray:
 def _mass(model: Model) -> float:
     loads = sum(load["mass_g"] for load in model.to_dict().get("load", []))
     return 1e-3 * (model["body.total_mass_g"] + loads)
+
+
+def _remark_on_shorter(actions: int | None, interval: float, seconds: float | None) -> None:
+    """Warn where an episode ends after fewer actions than the time that was asked for takes."""
+    if actions is not None and seconds is not None and actions * interval < seconds:
+        warnings.warn(
+            f"an episode ends after {actions} actions, {actions * interval:g} s, and not after {seconds:g} s: "
+            "give max_episode_steps, too",
+            stacklevel=3,
+        )
+
+
+def _pace(render_mode: str | None, interval: float) -> dict[str, Any]:
+    """Return how many pictures make a second of the robot."""
+    return {"render_fps": max(1, round(1.0 / interval))} if render_mode == "rgb_array" else {}
+
+
+def _offsets(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return the vectors from a point to all points with these coordinates, as (k, 2)."""
+    return np.stack(np.broadcast_arrays(x - at[0], y - at[1]), axis=-1).reshape(-1, 2)
 
 
 def _turned(vectors: np.ndarray, yaw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -655,3 +655,45 @@ def test_a_state_that_was_changed_is_refused_and_changes_nothing(change: dict[st
     start = env.reset()[0]
     env.set_state(state)
     assert (env.reset()[0] == start).all()
+
+
+def test_one_seed_is_one_start_however_the_environment_is_made() -> None:
+    for version in ("v0", "v1"):
+        name = f"FlixWalker-{version}"
+        many = gymnasium.make_vec(name, num_envs=3, task="home", **SHORT).reset(seed=7)[0]
+        sync = gymnasium.make_vec(name, num_envs=3, vectorization_mode="sync", task="home", **SHORT).reset(seed=7)[0]
+        one = [gymnasium.make(name, task="home", **SHORT).reset(seed=7 + robot)[0] for robot in range(3)]
+        assert (many == sync).all() and (many == one).all()
+
+
+def test_an_episode_has_240_actions_and_more_where_both_lengths_are_given() -> None:
+    assert gymnasium.spec("FlixWalker-v1").max_episode_steps == 240
+    for given, steps in (
+        ({}, 240),
+        ({"seconds": 0.5}, 2),
+        ({"seconds": 120.0, "max_episode_steps": 400}, 400),
+    ):
+        assert gymnasium.make_vec("FlixWalker-v1", num_envs=1, **given).unwrapped.limit == steps, given
+    assert FlixWalkerVectorEnv(1, seconds=120.0).limit == 480
+    with pytest.warns(UserWarning, match="240 actions, 60 s, and not after 120 s"):
+        assert gymnasium.make_vec("FlixWalker-v1", num_envs=1, seconds=120.0).unwrapped.limit == 240
+    with pytest.warns(UserWarning, match="240 actions, 60 s, and not after 120 s"):
+        gymnasium.make("FlixWalker-v1", seconds=120.0).reset(seed=1)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_pictures_show_the_robot_and_where_it_is_to_go(task: str) -> None:
+    env = gymnasium.wrappers.RenderCollection(gymnasium.make("FlixWalker-v0", task=task, render_mode="rgb_array", **SHORT))
+    env.reset(seed=1)
+    for _ in range(3):
+        env.step(np.array([0.9, 0.3], dtype=np.float32))
+    pictures = env.render()
+    assert env.metadata["render_fps"] == 20
+    for picture in pictures:
+        assert (picture.shape, picture.dtype) == ((480, 480, 3), np.uint8)
+        colours = {tuple(colour) for colour in np.unique(picture.reshape(-1, 3), axis=0)}
+        assert {(110, 110, 110), (213, 94, 0)} <= colours and ((0, 114, 178) in colours) == (task in ("path", "home"))
+    assert (pictures[0] != pictures[-1]).any()
+    with pytest.raises(ValueError, match="choose one of html, rgb_array"):
+        FlixWalkerVectorEnv(1, render_mode="human")
+    assert len(FlixWalkerVectorEnv(2, render_mode="rgb_array").render()) == 2
