@@ -45,8 +45,8 @@ const NOT_LET_IN: &[i32] = &[10, 20];
 const ROBOT_STOPPED: &[i32] = &[31];
 const NOT_PROVISIONED: &[i32] = &[32];
 const INTERRUPTED: &[i32] = &[40];
-/// The robot's log when it is on its network, and when it is aligned and armed.
-const CONNECTED: &str = "wi-fi: connected";
+/// The robot's log when it has an address of its network, from which it answers to its name, and when it is aligned and armed.
+const ADDRESSED: &str = "wi-fi: address ";
 const ARMED: &str = "robot: armed";
 /// Keys of `flix teleop`: arm, the five modes in their order, disarm and leave.
 const ARM: u8 = b'\r';
@@ -151,7 +151,7 @@ impl Desk<'_> {
             // Nothing finds it by its name.
             provision.extend(["--address", &fixed]);
         }
-        self.serial(&provision, DONE, CONNECTED)?;
+        self.serial(&provision, DONE, ADDRESSED)?;
         if self.live.is_announced {
             let found = self.flix(&["discover", "--json"], DONE)?;
             let address = Value::from(self.live.address().to_string());
@@ -311,11 +311,11 @@ impl Desk<'_> {
         let file = self.home.join("second.key");
         let key = file.to_string_lossy().into_owned();
         let add = ["provision", "--add-operator", SECOND, "--key-file", &key];
-        self.serial(&add, DONE, CONNECTED)?;
+        self.serial(&add, DONE, ADDRESSED)?;
         let ask = ["status", ROBOT, "--key", &key, "--json"];
         let status = self.flix(&ask, DONE)?;
         self.expect(status["operator"] == SECOND, "status", &status);
-        self.serial(&["provision", "--revoke-operator", SECOND], DONE, CONNECTED)?;
+        self.serial(&["provision", "--revoke-operator", SECOND], DONE, ADDRESSED)?;
         self.flix(&ask, NOT_LET_IN)?;
         self.flix(&["status", ROBOT, "--json"], DONE)?;
         Ok(())
