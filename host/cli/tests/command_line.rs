@@ -895,6 +895,29 @@ fn teleop_shows_a_map_of_any_tracker_s_poses() {
     assert_eq!(child.wait().unwrap().code(), Some(0));
 }
 
+#[test]
+fn without_colours_bold_and_reversed_text_is_left() {
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let mut command = operator.command(&["teleop", &address]);
+    command.env("NO_COLOR", "1");
+    let (mut child, mut master) = at_a_terminal(command);
+    let (mut shown, mut bytes) = (String::new(), [0; 4096]);
+    while !shown.contains("DISARMED") {
+        let length = master.read(&mut bytes).unwrap();
+        shown.push_str(&String::from_utf8_lossy(&bytes[..length]));
+    }
+    // What is written of a colour that is left out ends bold and reversed text, too.
+    let ends =
+        shown.contains("\u{1b}[;m") || shown.contains("\u{1b}[38;") || shown.contains("\u{1b}[48;");
+    let (before, _) = shown.split_once("DISARMED").unwrap();
+    let style = &before[before.len() - 10..];
+    assert!(!ends && style.contains("[1m") && style.contains("[7m"), "{style:?} {shown:?}");
+    master.write_all(b"\x1b").unwrap();
+    while master.read(&mut bytes).is_ok_and(|length| length > 0) {}
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}
+
 /// A terminal by xterm's rules: it does what the program asked for, and sends what a person causes.
 struct Desk {
     child: Child,
@@ -944,8 +967,8 @@ impl Desk {
             match sequence.split_once('H') {
                 Some((set, _)) => set.clone_into(place),
                 None if sequence.starts_with("6n") => {
-                    // The program may have left.
-                    let _ = write!(screen, "\u{1b}[{place}R");
+                    // At once, so that no key comes between. The program may have left.
+                    let _ = screen.write_all(format!("\u{1b}[{place}R").as_bytes());
                 }
                 None => {}
             }
@@ -1218,23 +1241,105 @@ fn a_robot_rests_without_keys_and_a_held_key_lets_it_walk() {
 }
 
 #[test]
-fn a_robot_rests_when_nobody_is_attached_to_tmux() {
-    use std::os::unix::fs::PermissionsExt;
+fn a_robot_rests_when_nobody_is_attached_to_tmux_or_zellij() {
+    for (program, variables, attached, left) in [
+        ("tmux", [("TMUX", "/tmp/tmux-0/default,7,0"), ("TMUX_PANE", "%0")], "1 1", "0 1"),
+        (
+            "zellij",
+            [("ZELLIJ", "0"), ("ZELLIJ_PANE_ID", "3")],
+            "CLIENT_ID ZELLIJ_PANE_ID RUNNING_COMMAND\n1         terminal_3     flix",
+            "CLIENT_ID ZELLIJ_PANE_ID RUNNING_COMMAND",
+        ),
+    ] {
+        let (served, address) = serve(robot());
+        let operator = Operator::new();
+        let answer = operator.home.path().join("answer");
+        let stand_in = operator.home.path().join(program);
+        std::fs::write(&answer, attached).unwrap();
+        std::fs::write(&stand_in, format!("#!/bin/sh\ncat {}\n", answer.display())).unwrap();
+        std::fs::set_permissions(&stand_in, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let mut command = operator.command(&["teleop", &address, "--rest-after", "1h"]);
+        let path = format!("{}:/usr/bin:/bin", operator.home.path().display());
+        command.env("PATH", path).env_remove("TMUX").envs(variables);
+        let desk = Desk::new(command);
+        desk.walk(&served);
+        std::fs::write(&answer, left).unwrap();
+        wait_until(|| served.robot().setpoint == Setpoint::REST);
+        desk.leave();
+    }
+}
+
+/// Returns whether this program is installed, where its tests are not required.
+fn is_installed(program: &str) -> bool {
+    let is_found = Command::new("which").arg(program).output().is_ok_and(|it| it.status.success());
+    assert!(
+        is_found || std::env::var_os("FLIX_REQUIRE_TERMINALS").is_none(),
+        "install {program}, or leave FLIX_REQUIRE_TERMINALS unset"
+    );
+    is_found
+}
+
+#[test]
+fn a_robot_rests_when_nobody_is_attached_to_dtach() {
+    if !is_installed("dtach") {
+        return;
+    }
     let (served, address) = serve(robot());
     let operator = Operator::new();
-    let attached = operator.home.path().join("attached");
-    let tmux = operator.home.path().join("tmux");
-    std::fs::write(&attached, "1 1\n").unwrap();
-    std::fs::write(&tmux, format!("#!/bin/sh\ncat {}\n", attached.display())).unwrap();
-    std::fs::set_permissions(&tmux, std::fs::Permissions::from_mode(0o755)).unwrap();
-    let mut command = operator.command(&["teleop", &address]);
-    let path = format!("{}:/usr/bin:/bin", operator.home.path().display());
-    command.env("PATH", path).env("TMUX", "/tmp/tmux-0/default,7,0").env("TMUX_PANE", "%0");
-    let desk = Desk::new(command);
+    let socket = operator.home.path().join("desk");
+    let dtach = |mode: &str, rest: Option<&Command>| {
+        let mut dtach = Command::new("dtach");
+        dtach.arg(mode).arg(&socket).args(["-E", "-z"]);
+        if let Some(program) = rest {
+            dtach.arg(program.get_program()).args(program.get_args());
+        }
+        dtach
+    };
+    let teleop = operator.command(&["teleop", &address, "--rest-after", "1h"]);
+    let mut desk = Desk::new(dtach("-c", Some(&teleop)));
     desk.walk(&served);
-    std::fs::write(&attached, "0 1\n").unwrap();
+    desk.child.kill().unwrap();
+    desk.child.wait().unwrap();
     wait_until(|| served.robot().setpoint == Setpoint::REST);
-    desk.leave();
+    assert_ne!(served.robot().state, State::Disarmed);
+    // Whoever comes back drives on.
+    let desk = Desk::new(dtach("-a", None));
+    desk.walk(&served);
+    desk.send("\u{1b}");
+    let child = std::cell::RefCell::new(desk.child);
+    wait_until(|| child.borrow_mut().try_wait().unwrap().is_some());
+}
+
+#[test]
+fn a_robot_rests_soon_without_a_key_behind_mosh_which_answers_for_a_terminal_that_is_gone() {
+    if !is_installed("mosh-server") || !is_installed("mosh-client") {
+        return;
+    }
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let teleop = operator.command(&["teleop", &address, "--rest-after", "1h"]);
+    let mut server = Command::new("mosh-server");
+    server.args(["new", "-i", "127.0.0.1", "-l", "LC_ALL=C.UTF-8", "--"]);
+    server.arg(teleop.get_program()).args(teleop.get_args()).env("LC_ALL", "C.UTF-8");
+    server.env("TERM", "xterm").env_remove("TMUX").env_remove("STY");
+    let said = server.stdin(Stdio::null()).output().unwrap();
+    let said =
+        [said.stdout, said.stderr].map(|it| String::from_utf8_lossy(&it).into_owned()).concat();
+    let after = |words: &str| {
+        let rest = said.split_once(words).unwrap_or_else(|| panic!("{said}")).1;
+        rest.split([' ', ']', '\r', '\n']).map(ToOwned::to_owned).collect::<Vec<_>>()
+    };
+    let (connect, process) = (after("MOSH CONNECT "), after("pid = "));
+    let mut client = Command::new("mosh-client");
+    client.args(["127.0.0.1", &connect[0]]).env("MOSH_KEY", &connect[1]).env("LC_ALL", "C.UTF-8");
+    let mut desk = Desk::new(client);
+    desk.walk(&served);
+    desk.child.kill().unwrap();
+    desk.child.wait().unwrap();
+    wait_until(|| served.robot().setpoint == Setpoint::REST);
+    assert_ne!(served.robot().state, State::Disarmed);
+    kill("TERM", process[0].parse().unwrap());
+    wait_until(|| served.robot().stopped);
 }
 
 #[test]

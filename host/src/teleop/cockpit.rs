@@ -177,7 +177,20 @@ impl Cockpit {
 
     /// Lets the robot rest after so long without an action or another sign of the operator.
     pub const fn be_attended(&mut self, patience: Duration, now: Instant) {
-        self.attention = Some(Attention { patience, since: now });
+        self.attention = Some(Attention { patience, unsure: None, since: now });
+    }
+
+    /// Shortens that time to this one while it cannot be known whether the operator sees the screen, and says so once.
+    pub fn be_unsure(&mut self, unsure: Option<Duration>, now: Instant) {
+        let Some(attention) = &mut self.attention else { return };
+        let was_unsure = std::mem::replace(&mut attention.unsure, unsure).is_some();
+        let patience = attention.patience().as_secs();
+        if unsure.is_some() && !was_unsure {
+            let text = format!(
+                "mosh, an editor or a multiplexer answers in the terminal's place: a walk ends after {patience} s without a key"
+            );
+            self.note(now, Weight::Warning, &text);
+        }
     }
 
     /// Takes a sign of the operator that is no action: any key, a stick that is held.
@@ -203,7 +216,7 @@ impl Cockpit {
     pub fn watch(&mut self, client: &mut Client, now: Instant) {
         self.steer(client, now);
         if self.left(now) == Some(Duration::ZERO) {
-            let patience = self.attention.map_or(0, |attention| attention.patience.as_secs());
+            let patience = self.attention.map_or(0, |attention| attention.patience().as_secs());
             self.abandon(&format!("no key, touch or stick for {patience} s"), client, now);
         }
     }

@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use super::address::RobotArgs;
 use super::drive::{direction, frequency, give_up, stop};
-use crate::teleop::terminal::{Screen, is_closed};
+use crate::teleop::terminal::{Screen, UNSEEN, is_closed};
 use flix_host::link::udp::Connection;
 use flix_host::link::{Client, LinkError, RobotLink, Update, is_reached};
 use flix_host::record::dated;
@@ -138,6 +138,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let interrupt = Interrupt::listen().map_err(Error::usage)?;
     let mut connection = args.robot.connect(&interrupt)?;
     let mut driven = Driven {
+        touched: connection.now(),
         connection: &mut connection,
         setpoint,
         awaits_fault: plan.trigger == Trigger::Fault,
@@ -217,11 +218,13 @@ fn live(driven: &mut Driven<'_>, plan: &ScopePlan, patience: Duration) -> Result
     let ended = loop {
         let words = format!("capture {count}");
         let draw = |frame: &mut Frame<'_>| screen::draw(frame, newest.as_ref(), &words);
-        if driven
+        let now = driven.connection.now();
+        let shown = driven
             .screen
             .as_mut()
-            .is_some_and(|screen| screen.is_ready() && screen.draw(draw).is_err())
-        {
+            .filter(|screen| screen.is_ready())
+            .map_or(Ok(()), |it| it.draw(draw).and_then(|()| it.ask(now)));
+        if shown.is_err() {
             break Err(LinkError::Interrupted.into());
         }
         let captured = scope::ask(driven, ScopeCommand::Begin(plan.clone()))
@@ -238,6 +241,8 @@ fn live(driven: &mut Driven<'_>, plan: &ScopePlan, patience: Duration) -> Result
         }
         count += 1;
     };
+    // Read later, the last answers of the terminal would be input of the shell.
+    while driven.screen.as_ref().is_some_and(Screen::is_answer_due) && driven.wait(LOOK).is_ok() {}
     driven.screen = None;
     ended?;
     driven.end()
@@ -250,6 +255,8 @@ struct Driven<'a> {
     awaits_fault: bool,
     /// Where the operator looks meanwhile, and may press keys.
     screen: Option<Screen>,
+    /// When a key was pressed last.
+    touched: Instant,
     /// Whether the operator wants to leave.
     is_left: bool,
 }
@@ -281,7 +288,12 @@ impl Driven<'_> {
         let typed = screen.typed();
         let drives = self.setpoint.is_some();
         // A robot does not walk on for nobody.
-        self.is_left |= drives && typed.doubt.is_some();
+        let now = self.connection.now();
+        if typed.is_touched {
+            self.touched = now;
+        }
+        let is_unseen = typed.is_unsure && now.since(self.touched) >= UNSEEN;
+        self.is_left |= drives && (typed.doubt.is_some() || is_unseen);
         for action in typed.actions {
             match action {
                 Action::Stop | Action::Interrupt => return Err(LinkError::Interrupted),

@@ -153,6 +153,8 @@ pub enum Report {
     Unwatched,
     /// The focus is here again.
     Watched,
+    /// Whether a program on the way answers in the terminal's place, and does not say whether anybody looks.
+    Unsure(bool),
     /// Text that nobody typed came to its end: pasted, an answer of the terminal, or bytes that are no character.
     Text,
     /// A sequence has no end: what follows may be a part of it. Pasted text may be long under way.
@@ -176,6 +178,8 @@ pub struct Typed {
     pub is_touched: bool,
     /// Whether nobody looks: the focus was lost, and neither a key nor the focus came since.
     pub is_unwatched: bool,
+    /// Whether it cannot be known if anybody looks.
+    pub is_unsure: bool,
     /// Time of a picture that the operator had on the screen before any of these keys; `None` where the terminal answers no question.
     pub seen: Option<Moment>,
     /// Time since the first press of the oldest of these keys, which may have been held since. A picture that was drawn after that
@@ -197,6 +201,8 @@ pub struct Typing {
     held: Option<(KeyCode, Duration)>,
     /// Whether the focus was lost, and neither a key nor the focus came since.
     is_unwatched: bool,
+    /// Whether it cannot be known if anybody looks.
+    is_unsure: bool,
     ready: Typed,
     /// The key that was reported last.
     repeated: Option<Pressed>,
@@ -378,6 +384,7 @@ impl Typing {
                 self.ready.doubt = Some("nobody looks at the terminal");
             }
             Report::Watched => self.is_unwatched = false,
+            Report::Unsure(is_unsure) => self.is_unsure = is_unsure,
             Report::Text => (self.is_text, self.last, self.rest) = (true, at, None),
             Report::BrokenOff { is_paste } => {
                 self.together.fill(None);
@@ -434,7 +441,8 @@ impl Typing {
         let ready = Typed { seen, ..Typed::default() };
         let pressed = self.since.take().map_or(Duration::ZERO, |since| now.saturating_sub(since));
         let ready = std::mem::replace(&mut self.ready, ready);
-        Typed { is_unwatched: self.is_unwatched, pressed, ..ready }
+        let (is_unwatched, is_unsure) = (self.is_unwatched, self.is_unsure);
+        Typed { is_unwatched, is_unsure, pressed, ..ready }
     }
 
     /// Judges the keys that came together, once nothing followed for long enough.

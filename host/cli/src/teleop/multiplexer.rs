@@ -1,7 +1,9 @@
-//! tmux and GNU screen keep a program running when nobody looks at its terminal any more: they say whether somebody does.
+//! tmux, GNU screen and zellij keep a program running when nobody looks at its terminal any more: they say whether somebody does.
+//! mosh and editors keep it as well, answer in the terminal's place, and do not say so: these are known by the names of the
+//! processes above. dtach and abduco pass questions on to the terminal, and need no more than that its answers stay away.
 //!
-//! A terminal that is attached to tmux may itself be inside of another tmux. Where the system shows with what variables a
-//! process was started (Linux), that one is asked as well.
+//! A terminal that is attached to tmux may itself be inside of another tmux, or of mosh. Where the system shows with what variables
+//! a process was started (Linux), that one is asked as well.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -14,17 +16,24 @@ pub(super) enum Multiplexer {
     Tmux(OsString, OsString),
     /// GNU screen, with the places where the socket of this session may be, its name, and the number of this window.
     Screen(Vec<PathBuf>, OsString, Option<String>),
+    /// zellij, with the name of this pane.
+    Zellij(String),
+    /// Another that answers in the terminal's place.
+    Silent,
 }
 
 impl Multiplexer {
     /// Returns the one around this program.
     pub(super) fn around() -> Option<Self> {
-        Self::of(|name| std::env::var_os(name))
+        Self::of(|name| std::env::var_os(name)).or_else(|| around(&std::process::id().to_string()))
     }
 
     fn of(variable: impl Fn(&str) -> Option<OsString>) -> Option<Self> {
         if let Some(server) = variable("TMUX").filter(|server| !server.is_empty()) {
             return Some(Self::Tmux(server, variable("TMUX_PANE")?));
+        }
+        if let Some(pane) = variable("ZELLIJ_PANE_ID").filter(|pane| !pane.is_empty()) {
+            return Some(Self::Zellij(format!("terminal_{}", pane.to_string_lossy())));
         }
         let session = variable("STY").filter(|session| !session.is_empty())?;
         let user = variable("USER").or_else(|| variable("LOGNAME")).unwrap_or_default();
@@ -56,12 +65,15 @@ impl Multiplexer {
                 if terminal.is_some_and(|terminal| terminal != pane.terminal) {
                     return None;
                 }
-                let clients = || ask(server, &["list-clients", "-F", CLIENT]).unwrap_or_default();
+                if !pane.is_shown {
+                    return Some(false);
+                }
+                let clients = ask(server, &["list-clients", "-F", CLIENT]).unwrap_or_default();
                 let is_watched = |process: &str, terminal: &str| {
                     let outer = around(process).filter(|_| nested > 0);
-                    outer.and_then(|it| it.shows(Some(terminal), nested - 1)) != Some(false)
+                    outer.map_or(Some(true), |it| it.shows(Some(terminal), nested - 1))
                 };
-                Some(pane.is_shown && any_of(&clients(), &pane.window, is_watched))
+                any_of(&clients, &pane.window, is_watched)
             }
             Self::Screen(sockets, session, window) if terminal.is_none() => {
                 match sockets.iter().find_map(|socket| is_executable(socket)) {
@@ -72,12 +84,16 @@ impl Multiplexer {
                         .or(attached),
                 }
             }
-            // It does not say which terminals it is around.
-            Self::Screen(..) => None,
+            Self::Zellij(pane) if terminal.is_none() => has_client(&clients_of_zellij()?, pane),
+            // They do not say which terminals they are around.
+            Self::Screen(..) | Self::Zellij(_) | Self::Silent => None,
         }
     }
 }
 
+/// What the names of programs begin with that have a terminal of their own inside, whose parts a session outlives.
+const SILENT: [&str; 9] =
+    ["mosh-server", "tmux", "screen", "zellij", "dvtm", "wezterm-mux", "emacs", "nvim", "vim"];
 /// Most multiplexers inside of each other that are asked.
 const MOST_NESTED: u32 = 3;
 /// Most processes above one that are looked at: shells, and what runs them.
@@ -129,6 +145,21 @@ fn windows(session: &OsString) -> Option<String> {
     answer.status.success().then(|| String::from_utf8_lossy(&answer.stdout).into_owned())
 }
 
+/// Returns which terminals are attached to the session of zellij around this program (0.42 and later).
+fn clients_of_zellij() -> Option<String> {
+    let mut zellij = Command::new("zellij");
+    zellij.args(["action", "list-clients"]).stdin(Stdio::null()).stderr(Stdio::null());
+    let answer = zellij.output().ok()?;
+    answer.status.success().then(|| String::from_utf8_lossy(&answer.stdout).into_owned())
+}
+
+/// Returns whether one of zellij's terminals has its keys in this pane: a line for each below the heading, with number and pane.
+fn has_client(clients: &str, pane: &str) -> Option<bool> {
+    let mut lines = clients.lines();
+    lines.next().filter(|heading| heading.starts_with("CLIENT_ID"))?;
+    Some(lines.any(|line| line.split_whitespace().nth(1) == Some(pane)))
+}
+
 /// Returns whether a terminal shows one of the windows, as screen lists them: numbers with flags, and titles. `*` is the window
 /// that the terminal shows, of several the first; `&` one that several show.
 fn is_shown(windows: &str, window: &str) -> Option<bool> {
@@ -140,26 +171,36 @@ fn is_shown(windows: &str, window: &str) -> Option<bool> {
 }
 
 /// Returns whether this is true of any process and terminal that show a window, and are not suspended; also where none is known.
-fn any_of(clients: &str, window: &str, is_true: impl Fn(&str, &str) -> bool) -> bool {
+/// Nothing where it is not known of one, and false of the others.
+fn any_of(
+    clients: &str,
+    window: &str,
+    is_true: impl Fn(&str, &str) -> Option<bool>,
+) -> Option<bool> {
     let clients = clients.lines().filter_map(|line| {
         let mut words = line.split_whitespace();
         words.next().filter(|shown| *shown == window)?;
         Some((words.next()?, words.next()?, words.next().unwrap_or_default()))
     });
-    let mut clients = clients.peekable();
-    clients.peek().is_none()
-        || clients.any(|(process, terminal, flags)| {
-            !flags.split(',').any(|flag| flag == "suspended") && is_true(process, terminal)
+    let known: Vec<_> = clients
+        .map(|(process, terminal, flags)| {
+            let is_suspended = flags.split(',').any(|flag| flag == "suspended");
+            if is_suspended { Some(false) } else { is_true(process, terminal) }
         })
+        .collect();
+    if known.is_empty() || known.contains(&Some(true)) {
+        return Some(true);
+    }
+    known.into_iter().find(Option::is_none).unwrap_or(Some(false))
 }
 
 /// Returns what another process, or the nearest above it, is inside of; nothing where the system does not say so. Who starts
-/// one tmux inside of another takes the variable away.
+/// one tmux inside of another takes the variable away, and so does `sudo`.
 fn around(process: &str) -> Option<Multiplexer> {
     let mut process = process.to_owned();
     for _ in 0..MOST_ANCESTORS {
-        let folder = Path::new("/proc").join(&process);
-        let variables = std::fs::read(folder.join("environ")).ok()?;
+        let variables = std::fs::read(Path::new("/proc").join(&process).join("environ"));
+        let variables = variables.unwrap_or_default();
         let variables = String::from_utf8_lossy(&variables);
         let found = Multiplexer::of(|wanted| {
             let mut all = variables.split('\0').filter_map(|one| one.split_once('='));
@@ -168,10 +209,41 @@ fn around(process: &str) -> Option<Multiplexer> {
         if found.is_some() {
             return found;
         }
-        let status = std::fs::read_to_string(folder.join("status")).ok()?;
-        process = status.lines().find_map(|line| line.strip_prefix("PPid:"))?.trim().to_owned();
+        let above = above(&process)?;
+        let name = name(&above)?.to_ascii_lowercase();
+        if SILENT.iter().any(|silent| name.starts_with(silent)) {
+            return Some(Multiplexer::Silent);
+        }
+        process = above;
     }
     None
+}
+
+/// Returns a property of a process, as Linux shows it, or `ps`.
+fn property(process: &str, of_linux: &str, of_ps: &str) -> Option<String> {
+    let status = std::fs::read_to_string(Path::new("/proc").join(process).join("status"));
+    let text = status.map_or_else(
+        |_| {
+            let ps = Command::new("ps").args(["-o", of_ps, "-p", process]).output().ok()?;
+            Some(String::from_utf8_lossy(&ps.stdout).trim().to_owned())
+        },
+        |status| {
+            let line = status.lines().find_map(|line| line.strip_prefix(of_linux))?;
+            Some(line.trim().to_owned())
+        },
+    );
+    text.filter(|text| !text.is_empty())
+}
+
+/// Returns the process above another one.
+fn above(process: &str) -> Option<String> {
+    property(process, "PPid:", "ppid=")
+}
+
+/// Returns the name of a program that is running.
+fn name(process: &str) -> Option<String> {
+    let path = property(process, "Name:", "comm=")?;
+    Some(path.rsplit('/').next().unwrap_or_default().to_owned())
 }
 
 /// Returns whether the owner may execute a file, by which screen marks the socket of an attached session.
@@ -238,6 +310,25 @@ mod tests {
     }
 
     #[test]
+    fn zellij_is_asked_for_terminals_that_have_their_keys_in_this_pane() {
+        let zellij = within(&[("ZELLIJ", "0"), ("ZELLIJ_PANE_ID", "3"), ("STY", "1.a")]);
+        assert_eq!(zellij, Some(Multiplexer::Zellij("terminal_3".to_owned())));
+        let heading = "CLIENT_ID ZELLIJ_PANE_ID RUNNING_COMMAND";
+        for (clients, shown) in [
+            ("", Some(false)),
+            ("1         terminal_3     flix teleop", Some(true)),
+            ("1         terminal_33    flix teleop", Some(false)),
+            ("2         plugin_2       zellij:session-manager", Some(false)),
+            ("1         terminal_4     vim terminal_3\n2 terminal_3 N/A", Some(true)),
+        ] {
+            let answer = format!("{heading}\n{clients}\n");
+            assert_eq!(has_client(&answer, "terminal_3"), shown, "{clients}");
+        }
+        // Older than the question.
+        assert_eq!(has_client("", "terminal_3"), None);
+    }
+
+    #[test]
     fn a_window_is_watched_where_one_of_its_terminals_is() {
         let clients = "@0 812 /dev/pts/1\n@0 813 /dev/pts/2 attached,UTF-8\n@1 814 /dev/pts/5\n\
                        @0 815 /dev/pts/6 attached,focused,suspended\n@3 816 /dev/pts/7 suspended";
@@ -251,8 +342,14 @@ mod tests {
             ("@1", ("812", "/dev/pts/1"), false),
             ("@2", ("none", "none"), true),
         ] {
-            let is_watched = |process: &str, terminal: &str| (process, terminal) == watched;
-            assert_eq!(any_of(clients, window, is_watched), expected, "{window} {watched:?}");
+            let is_watched = |process: &str, terminal: &str| Some((process, terminal) == watched);
+            assert_eq!(any_of(clients, window, is_watched), Some(expected), "{window} {watched:?}");
+        }
+        // Of one it is not known.
+        for (watched, expected) in [("812", Some(true)), ("none", None)] {
+            let is_watched =
+                |process: &str, _: &str| (process != "813").then(|| process == watched);
+            assert_eq!(any_of(clients, "@0", is_watched), expected, "{watched}");
         }
     }
 
@@ -276,6 +373,35 @@ mod tests {
             assert_eq!(found, Some(Multiplexer::Tmux("/tmp/outer,1,0".into(), "%7".into())));
         }
         assert_eq!(around("no process"), None);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn what_answers_in_the_terminal_s_place_is_known_by_its_name() {
+        use std::os::unix::fs::symlink;
+        let folder = tempfile::tempdir().unwrap();
+        for (name, found) in [("mosh-server", Some(Multiplexer::Silent)), ("dtach", None)] {
+            let program = folder.path().join(name);
+            symlink("/bin/sh", &program).unwrap();
+            let mut shell = Command::new(program)
+                .args(["-c", "sh -c 'read line; true'; true"])
+                .env_clear()
+                .stdin(Stdio::piped())
+                .spawn()
+                .unwrap();
+            let id = shell.id();
+            let below = || {
+                let children = format!("/proc/{id}/task/{id}/children");
+                std::fs::read_to_string(children).unwrap().trim().to_owned()
+            };
+            while below().is_empty() {
+                std::thread::yield_now();
+            }
+            let around = around(&below());
+            drop(shell.stdin.take());
+            shell.wait().unwrap();
+            assert_eq!(around.filter(|it| *it == Multiplexer::Silent), found, "{name}");
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
 use super::gamepad::Gamepads;
-use super::terminal::{Screen, is_closed};
+use super::terminal::{Screen, UNSEEN, is_closed};
 use super::view;
 use crate::by_hand::drive::{Drive, DriveError, Ending};
 use flix_host::system::interrupt::Interrupt;
@@ -108,6 +108,7 @@ fn operate(
         for step in typed.steps {
             cockpit.step(step, client, now);
         }
+        cockpit.be_unsure(typed.is_unsure.then_some(UNSEEN), now);
         if let Some(doubt) = typed.doubt {
             cockpit.abandon(doubt, client, now);
         }

@@ -13,15 +13,18 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use flix_protocol::units::Instant as Moment;
+use ratatui::buffer::Buffer;
 use ratatui::crossterm::cursor::Show;
 use ratatui::crossterm::event::{
     DisableBracketedPaste, DisableFocusChange, DisableMouseCapture, EnableBracketedPaste,
     EnableFocusChange, EnableMouseCapture, KeyboardEnhancementFlags, PopKeyboardEnhancementFlags,
     PushKeyboardEnhancementFlags,
 };
+use ratatui::crossterm::style::Colored;
 use ratatui::crossterm::terminal::LeaveAlternateScreen;
 use ratatui::crossterm::{execute, terminal};
 use ratatui::prelude::CrosstermBackend;
+use ratatui::style::{Color, Modifier};
 use ratatui::{Frame, Terminal};
 
 use super::keyboard::{Report, Typed, Typing};
@@ -31,8 +34,10 @@ use flix_shell::outlet::{Outlet, PATIENCE, stdout};
 
 /// Bytes of a large picture: one that fits leaves at once.
 const PICTURE: usize = 1 << 16;
-/// Interval of looking whether anybody is attached to tmux or screen.
+/// Interval of looking whether anybody is attached to a multiplexer.
 const LOOK: Duration = Duration::from_secs(1);
+/// How long a robot moves on without a key where it cannot be known whether anybody looks.
+pub(crate) const UNSEEN: Duration = Duration::from_secs(5);
 
 /// A terminal in full screen. Dropped, also by a panic, it is as it was.
 pub(crate) struct Screen {
@@ -96,7 +101,15 @@ impl Screen {
     pub(crate) fn draw(&mut self, draw: impl FnOnce(&mut Frame<'_>)) -> io::Result<()> {
         self.terminal.as_mut().map_or_else(
             || Err(io::ErrorKind::BrokenPipe.into()),
-            |terminal| terminal.draw(draw).map(drop),
+            |terminal| {
+                let draw = |frame: &mut Frame<'_>| {
+                    draw(frame);
+                    if Colored::ansi_color_disabled_memoized() {
+                        without_colours(frame.buffer_mut());
+                    }
+                };
+                terminal.draw(draw).map(drop)
+            },
         )
     }
 
@@ -137,6 +150,17 @@ impl Screen {
             self.typing.report(now, report);
         }
         self.typing.take(now)
+    }
+}
+
+/// Takes the colours off a picture, and reverses text that has a ground of its own (<https://no-color.org>). Left to crossterm, each
+/// colour would become a control sequence that ends bold and reversed text as well.
+fn without_colours(picture: &mut Buffer) {
+    for cell in &mut picture.content {
+        if cell.bg != Color::Reset {
+            cell.modifier.toggle(Modifier::REVERSED);
+        }
+        (cell.fg, cell.bg) = (Color::Reset, Color::Reset);
     }
 }
 
@@ -222,10 +246,13 @@ fn heard() -> mpsc::Receiver<(Instant, Heard)> {
     });
     if let Some(multiplexer) = Multiplexer::around() {
         std::thread::spawn(move || {
-            let unwatched = || (Instant::now(), Heard::Report(Report::Unwatched));
-            let is_sent = || looking.send(unwatched()).is_ok();
-            // Where it cannot be known, the operator's patience decides.
-            while multiplexer.is_attached() != Some(false) || is_sent() {
+            let send = |report| looking.send((Instant::now(), Heard::Report(report))).is_ok();
+            loop {
+                let attached = multiplexer.is_attached();
+                let is_sent = send(Report::Unsure(attached.is_none()));
+                if !is_sent || attached == Some(false) && !send(Report::Unwatched) {
+                    return;
+                }
                 std::thread::sleep(LOOK);
             }
         });
