@@ -19,7 +19,7 @@ DOCS = pathlib.Path(__file__).parents[1] / "docs"
 STEPS_MS = [1.0, 0.5, 0.25, 0.1, 0.05, 0.025]
 EXACT_MS = 0.001
 ENGINES = ["flix", "mujoco"]
-COLOURS = {"flix": "#1f6feb", "mujoco": "#e66a00"}
+COLOURS = {"flix": "#1e72ff", "mujoco": "#e66a00"}
 
 
 def mujoco_rows(program, seeds, seconds):

@@ -75,7 +75,7 @@ def bayesian(robot, unknowns, budget, start, seed, samples, held):
 def draw(rows, path):
     """Draws hits against evaluations: each search thin, the mean of a kind thick."""
     figure, axes = pyplot.subplots(figsize=(6.4, 3.6), layout="constrained")
-    for kind, colour in [("CMA-ES", "#1f6feb"), ("Bayesian", "#e66a00")]:
+    for kind, colour in [("CMA-ES", "#1e72ff"), ("Bayesian", "#e66a00")]:
         own = [row for row in rows if row[0] == kind]
         for run in sorted({row[1] for row in own}):
             course = [(row[2], row[5]) for row in own if row[1] == run]

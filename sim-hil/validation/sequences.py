@@ -85,7 +85,7 @@ def draw(robots, batch, sentence, path):
     for axis, (plot, name) in enumerate(zip(plots, ["ahead", "to the left"], strict=True)):
         x, y = 1e3 * robots[..., axis], 1e3 * batch[..., axis]
         plot.plot(x.ravel(), y.ravel(), ".", color="#c0c8d0", markersize=2, label="single starts")
-        plot.plot(x.mean(axis=1), y.mean(axis=1), ".", color="#1f6feb", markersize=6, label=f"means of {x.shape[1]}")
+        plot.plot(x.mean(axis=1), y.mean(axis=1), ".", color="#1e72ff", markersize=6, label=f"means of {x.shape[1]}")
         ends = [min(x.min(), y.min()), max(x.max(), y.max())]
         plot.plot(ends, ends, color="#e66a00", linewidth=0.8)
         plot.set(xlabel=f"{name} under the software, mm", ylabel=f"{name} in the batch engine, mm", aspect="equal")

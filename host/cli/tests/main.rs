@@ -7,6 +7,7 @@ mod support;
 mod walked;
 
 mod bad_inputs;
+mod colours;
 mod command_line;
 mod hostile_records;
 #[cfg(unix)]

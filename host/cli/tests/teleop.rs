@@ -17,11 +17,11 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 
 /// An operator at the screen of a robot that answers at once.
-struct Desk {
+pub struct Desk {
     now: Instant,
     client: Client,
-    robot: FakeRobot,
-    cockpit: Cockpit,
+    pub robot: FakeRobot,
+    pub cockpit: Cockpit,
     is_cut: bool,
 }
 
@@ -39,19 +39,19 @@ impl Desk {
         desk
     }
 
-    fn armed() -> Self {
+    pub fn armed() -> Self {
         let mut desk = Self::new();
         desk.press(Action::Arm);
         assert_eq!(desk.robot.state, State::Armed);
         desk
     }
 
-    fn press(&mut self, action: Action) {
+    pub fn press(&mut self, action: Action) {
         self.cockpit.act(action, self.now, &mut self.client, self.now);
         self.run(Duration::from_millis(100));
     }
 
-    fn run(&mut self, duration: Duration) {
+    pub fn run(&mut self, duration: Duration) {
         let operator: SocketAddr = "10.0.0.1:5000".parse().unwrap();
         let end = self.now + duration;
         while self.now < end {
@@ -75,9 +75,13 @@ impl Desk {
     }
 
     fn picture(&self, width: u16, height: u16) -> String {
+        self.shown(width, height).to_string()
+    }
+
+    pub fn shown(&self, width: u16, height: u16) -> TestBackend {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal.draw(|frame| view::draw(frame, &self.cockpit)).unwrap();
-        terminal.backend().to_string()
+        terminal.backend().clone()
     }
 }
 

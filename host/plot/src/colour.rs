@@ -1,4 +1,5 @@
-//! Colours that are distinct on paper, on screens and for colour-blind readers.
+//! Colours that are distinct on paper, on screens and for colour-blind readers: any two of a plot differ by 10 or more (CIEDE2000),
+//! also for eyes without one kind of cones.
 
 use std::fmt;
 
@@ -7,23 +8,23 @@ use std::fmt;
 pub struct Colour(pub u8, pub u8, pub u8);
 
 /// First choice of a series.
-pub const BLUE: Colour = Colour(0x1f, 0x6f, 0xeb);
+pub const BLUE: Colour = Colour(0x1e, 0x72, 0xff);
 /// Second choice of a series.
 pub const ORANGE: Colour = Colour(0xe6, 0x6a, 0x00);
 /// Third choice of a series.
-pub const GREEN: Colour = Colour(0x00, 0x8f, 0x6b);
+pub const GREEN: Colour = Colour(0x27, 0x8c, 0x6d);
 /// A limit, a fault, a stop.
-pub const RED: Colour = Colour(0xd0, 0x2b, 0x3c);
+pub const RED: Colour = Colour(0xd1, 0x19, 0x3a);
 /// Fourth choice of a series.
-pub const PURPLE: Colour = Colour(0x80, 0x4f, 0xd8);
+pub const PURPLE: Colour = Colour(0x6b, 0x45, 0xbb);
 /// Fifth choice of a series.
-pub const SKY: Colour = Colour(0x29, 0xa9, 0xd6);
+pub const SKY: Colour = Colour(0x01, 0xa0, 0xcc);
 /// Sixth choice of a series.
-pub const OLIVE: Colour = Colour(0x8d, 0x8a, 0x00);
+pub const OLIVE: Colour = Colour(0x99, 0x96, 0x5c);
 /// Seventh choice of a series.
-pub const PINK: Colour = Colour(0xd6, 0x4f, 0xa8);
+pub const PINK: Colour = Colour(0xc8, 0x58, 0x9f);
 /// Eighth choice of a series.
-pub const BROWN: Colour = Colour(0x85, 0x58, 0x2e);
+pub const BROWN: Colour = Colour(0x7d, 0x4a, 0x10);
 /// A reference or a set value.
 pub const GREY: Colour = Colour(0x8a, 0x93, 0x9f);
 /// What is commanded, here, on the pages and in Foxglove.

@@ -1,25 +1,14 @@
 //! A capture in the terminal: one chart for each quantity.
 
+use crate::teleop::view::{FAINT, SERIES, on};
 use flix_host::scope::Capture;
 use flix_protocol::message::Quantity;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
-use ratatui::style::{Color, Style, Stylize};
+use ratatui::style::{Style, Stylize};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, LegendPosition, Paragraph};
-
-const COLOURS: [Color; 8] = [
-    Color::Cyan,
-    Color::Magenta,
-    Color::Yellow,
-    Color::Green,
-    Color::Blue,
-    Color::Red,
-    Color::LightCyan,
-    Color::LightMagenta,
-];
-const FAINT: Style = Style::new().fg(Color::DarkGray);
+use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph};
 
 /// Draws a capture under a line of words; without one, the words alone.
 pub fn draw(frame: &mut Frame<'_>, capture: Option<&Capture>, words: &str) {
@@ -63,27 +52,32 @@ fn panel(
     // A line along the frame would not be seen.
     let margin = 0.05 * (high - low).max(100.0 * quantity.count());
     let (low, high) = (low - margin, high + margin);
-    let names: Vec<String> =
-        columns.iter().map(|column| capture.channels()[*column].to_string()).collect();
+    let colour = |column: usize| SERIES[column % SERIES.len()];
+    let names = columns.iter().flat_map(|column| {
+        let name = format!(" {} ", capture.channels()[*column]);
+        [Span::styled(name, on(colour(*column))), Span::raw("─")]
+    });
     let datasets = points
         .iter()
-        .zip(&names)
         .zip(columns)
-        .map(|((points, name), column)| {
+        .map(|(points, column)| {
             Dataset::default()
-                .name(name.as_str())
                 .marker(Marker::Braille)
                 .graph_type(GraphType::Line)
-                .style(Style::new().fg(COLOURS[column % COLOURS.len()]))
+                .style(Style::new().fg(colour(*column)))
                 .data(points)
         })
         .collect();
     let begin = 1e3 * capture.time(0);
     let end = 1e3 * capture.time(capture.rows().saturating_sub(1));
     let chart = Chart::new(datasets)
-        .block(Block::bordered().title(quantity.unit()).border_style(FAINT))
-        .legend_position(Some(LegendPosition::TopRight))
-        .hidden_legend_constraints((Constraint::Ratio(1, 2), Constraint::Ratio(1, 1)))
+        .block(
+            Block::bordered()
+                .title(quantity.unit())
+                .title(Line::from_iter(names).right_aligned())
+                .border_style(FAINT),
+        )
+        .legend_position(None)
         .x_axis(
             Axis::default()
                 .style(FAINT)

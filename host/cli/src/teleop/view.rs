@@ -11,6 +11,10 @@
 //! ```
 //!
 //! The smallest size is 80 by 24 characters; a larger terminal shows more of histories and log.
+//!
+//! Text has the terminal's own colours, or black on a ground of ours: themes give the sixteen named colours any value, and their
+//! bright black may be that of the ground. Bars, curves and drawings have colours of the 256 that no theme changes, with a contrast
+//! of at least 3 (WCAG 2.2, 1.4.11) on white, black and both grounds of Solarized, and pairs that the colour-blind tell apart.
 
 use std::f32::consts::PI;
 use std::time::Duration;
@@ -32,11 +36,33 @@ use flix_host::teleop::floor::Floor;
 /// Smallest size of the whole picture, characters.
 pub const SMALLEST: (u16, u16) = (80, 24);
 
-const TOP_ROTOR: Color = Color::Cyan;
-const BOTTOM_ROTOR: Color = Color::Magenta;
-/// f and theta as they are measured: the nearest of 256 colours to that of the plots and the page.
-const FORCE: Color = Color::Indexed(208);
-const FAINT: Style = Style::new().fg(Color::DarkGray);
+const BLACK: Color = Color::Indexed(16);
+const GREY: Color = Color::Indexed(245);
+const GREEN: Color = Color::Indexed(64);
+const AMBER: Color = Color::Indexed(136);
+const RED: Color = Color::Indexed(196);
+const BLUE: Color = Color::Indexed(69);
+/// Of top and bottom motor.
+pub const ROTORS: [Color; 2] = [BLUE, Color::Indexed(133)];
+/// f and theta as they are measured: near the colour of the plots and the page.
+pub const FORCE: Color = Color::Indexed(166);
+/// Of the curves of a capture.
+pub const SERIES: [Color; 8] = {
+    use Color::Indexed;
+    [
+        Indexed(105),
+        Indexed(130),
+        Indexed(29),
+        Indexed(96),
+        Indexed(172),
+        Indexed(62),
+        Indexed(36),
+        Indexed(139),
+    ]
+};
+/// Of what is less important.
+pub(crate) const FAINT: Style = Style::new().add_modifier(Modifier::DIM);
+const STRONG: Style = Style::new().add_modifier(Modifier::BOLD);
 
 /// Smallest width of state, faults and gauges, characters.
 const ROBOT_WIDTH: u16 = 44;
@@ -137,51 +163,52 @@ fn link_line(cockpit: &Cockpit) -> Line<'static> {
                 .round_trip
                 .map_or_else(String::new, |it| format!("{:.1} ms ", it.as_secs_f64() * 1e3));
             let loss = format!("loss {:.1} % ", 100.0 * cockpit.loss);
-            let loss = if cockpit.loss > POOR_LOSS { loss.fg(Color::Red) } else { Span::raw(loss) };
-            Line::from(vec![dot(Color::Green), Span::raw(round_trip), loss])
+            let loss =
+                Span::styled(loss, if cockpit.loss > POOR_LOSS { on(RED) } else { Style::new() });
+            Line::from(vec![dot(GREEN), Span::raw(round_trip), loss])
         }
         Link::Silent(silence) => Line::from(vec![
-            dot(Color::Yellow),
-            format!("silent for {:.1} s ", silence.as_secs_f32()).fg(Color::Yellow),
+            dot(AMBER),
+            format!("silent for {:.1} s ", silence.as_secs_f32()).bold(),
         ]),
-        Link::Connecting => Line::from(vec![dot(Color::Red), "connecting again ".fg(Color::Red)]),
-        Link::Failed(_) => {
-            Line::from(vec![dot(Color::Red), "no link, still trying ".fg(Color::Red)])
-        }
+        Link::Connecting => Line::from(vec![dot(RED), "connecting again ".bold()]),
+        Link::Failed(_) => Line::from(vec![dot(RED), "no link, still trying ".bold()]),
     }
 }
 
 fn state_color(state: State) -> Color {
     match state {
-        State::Disarmed => Color::Gray,
-        State::Aligning | State::Stopping => Color::Yellow,
-        State::Armed => Color::Blue,
-        State::Running => Color::Green,
-        State::Faulted => Color::Red,
+        State::Disarmed => GREY,
+        State::Aligning | State::Stopping => AMBER,
+        State::Armed => BLUE,
+        State::Running => GREEN,
+        State::Faulted => RED,
     }
+}
+
+/// Returns the style of text on a ground of this colour.
+pub(crate) const fn on(color: Color) -> Style {
+    Style::new().fg(BLACK).bg(color)
 }
 
 fn state_line(cockpit: &Cockpit) -> Line<'static> {
     let badge = |text: String, color| {
-        Span::styled(
-            format!(" {} ", text.to_uppercase()),
-            Style::new().fg(Color::Black).bg(color).add_modifier(Modifier::BOLD),
-        )
+        Span::styled(format!(" {} ", text.to_uppercase()), on(color).add_modifier(Modifier::BOLD))
     };
     let Some(telemetry) = &cockpit.telemetry else {
-        return Line::from(badge("unknown".to_owned(), Color::DarkGray));
+        return Line::from(badge("unknown".to_owned(), GREY));
     };
     let state = telemetry.state;
-    let color = if cockpit.is_stale() { Color::DarkGray } else { state_color(state) };
+    let color = if cockpit.is_stale() { GREY } else { state_color(state) };
     let mut spans = vec![badge(state.to_string(), color)];
     if cockpit.is_stale() {
         spans.push(" when last received".into());
         return Line::from(spans);
     }
     if cockpit.is_stopping {
-        spans.extend([" ".into(), badge("stop is sent".to_owned(), Color::Red)]);
+        spans.extend([" ".into(), badge("stop is sent".to_owned(), RED)]);
     } else if telemetry.stopped {
-        spans.extend([" ".into(), badge("stopped".to_owned(), Color::Red)]);
+        spans.extend([" ".into(), badge("stopped".to_owned(), RED)]);
         let by = telemetry.stopped_by.map_or_else(String::new, |by| format!("by {by}, "));
         spans.push(format!(" {by}c clears it").into());
     } else {
@@ -214,24 +241,24 @@ fn trouble_lines(cockpit: &Cockpit) -> Vec<Line<'static>> {
     if let Some(first) = telemetry.first_fault.or_else(|| telemetry.faults.iter().next()) {
         let others = telemetry.faults.without(first);
         lines.push(Line::from(vec![
-            format!("{first}: ").fg(Color::Red).bold(),
-            explain::fault(first).into(),
+            Span::styled(format!("{first}:"), on(RED).add_modifier(Modifier::BOLD)),
+            format!(" {}", explain::fault(first)).into(),
         ]));
         if !others.is_empty() {
-            lines.push(Line::from(format!("then {others}")).fg(Color::Red));
+            lines.push(Line::styled(format!("then {others}"), STRONG));
         }
     } else {
         lines.push(Line::styled("no faults", FAINT));
     }
     if let Some(left) = cockpit.walks_for().filter(|left| *left <= COUNTED) {
         let text = format!("rests in {} s unless a key is pressed", left.as_secs() + 1);
-        lines.push(Line::from(text).fg(Color::Yellow));
+        lines.push(Line::styled(text, on(AMBER)));
     }
     if telemetry.link_late {
-        lines.push(Line::from("commands reach the robot late").fg(Color::Yellow));
+        lines.push(Line::styled("commands reach the robot late", on(AMBER)));
     }
     if telemetry.frequency_limited {
-        lines.push(Line::from("voltage or current limits f").fg(Color::Yellow));
+        lines.push(Line::styled("voltage or current limits f", on(AMBER)));
     }
     lines
 }
@@ -249,12 +276,12 @@ fn gauge_lines(cockpit: &Cockpit, telemetry: &Telemetry, width: usize) -> Vec<Li
     let setpoint = cockpit.setpoint;
     let current = |name: &str, current: f32, color: Color| {
         let share = current / cockpit.current_limit;
-        let color = if share > 0.9 { Color::Red } else { color };
+        let color = if share > 0.9 { RED } else { color };
         row(name, filled(share, bar, color), format!("{current:.2} A"))
     };
     let (empty, full) = battery_range(cockpit);
     let is_low = battery.zip(cockpit.battery_low).is_some_and(|(voltage, low)| voltage < low);
-    let battery_color = if is_low { Color::Red } else { Color::Green };
+    let battery_color = if is_low { RED } else { GREEN };
     vec![
         row(
             "f",
@@ -266,11 +293,11 @@ fn gauge_lines(cockpit: &Cockpit, telemetry: &Telemetry, width: usize) -> Vec<Li
             centred(direction / most_theta, setpoint.direction().get() / most_theta, bar, FORCE),
             format!("{} deg", signed(direction, 1)),
         ),
-        current("top", currents[0], TOP_ROTOR),
-        current("bottom", currents[1], BOTTOM_ROTOR),
+        current("top", currents[0], ROTORS[0]),
+        current("bottom", currents[1], ROTORS[1]),
         row(
             "duty",
-            filled(telemetry.modulation.get(), bar, Color::Gray),
+            filled(telemetry.modulation.get(), bar, GREY),
             format!("{:.0} %", 100.0 * telemetry.modulation.get()),
         ),
         row(
@@ -341,9 +368,9 @@ fn draw_map(frame: &mut Frame<'_>, area: Rect, floor: &Floor) {
         .y_bounds([y - half_height, y + half_height])
         .paint(|context| {
             let way: Vec<_> = floor.way.iter().map(|place| (place.x, place.y)).collect();
-            context.draw(&Points { coords: &way, color: Color::DarkGray });
+            context.draw(&Points { coords: &way, color: GREY });
             if let Some(held) = floor.held() {
-                arrow(context, held, 2.0 * ROBOT_LENGTH, Color::Green);
+                arrow(context, held, 2.0 * ROBOT_LENGTH, GREEN);
             }
             arrow(context, pose.heading, ROBOT_LENGTH, FORCE);
             context.draw(&Circle {
@@ -386,26 +413,26 @@ fn paint_shaker(context: &mut Context<'_>, cockpit: &Cockpit, half_height: f64) 
         y: -plate,
         width: 1.5 * plate,
         height: 2.0 * plate,
-        color: Color::DarkGray,
+        color: GREY,
     });
-    context.print(-2.0, plate - 3.0, "▲ front".gray());
-    context.draw(&Circle { x: 0.0, y: 0.0, radius: arm, color: Color::DarkGray });
+    context.print(-2.0, plate - 3.0, "▲ front".fg(Color::Reset));
+    context.draw(&Circle { x: 0.0, y: 0.0, radius: arm, color: GREY });
     let (Some(telemetry), Some([top, bottom])) = (&cockpit.telemetry, cockpit.shown_rotors())
     else {
         return;
     };
-    let fade = |color| if cockpit.is_stale() { Color::DarkGray } else { color };
+    let fade = |color| if cockpit.is_stale() { GREY } else { color };
     let theta = telemetry.direction.get();
     if telemetry.frequency.get().abs() > 0.1 {
         draw_force(context, theta, top - theta, arm, fade(FORCE));
     }
-    for (angle, color) in [(bottom, BOTTOM_ROTOR), (top, TOP_ROTOR)] {
+    for (angle, color) in [(bottom, ROTORS[1]), (top, ROTORS[0])] {
         let (x, y) = on_compass(angle, arm);
         context.draw(&Stroke { x1: 0.0, y1: 0.0, x2: x, y2: y, color: fade(color) });
         context.draw(&Circle { x, y, radius: 2.0, color: fade(color) });
     }
-    context.print(-1.2 * half_height, -plate + 4.0, Span::styled("top", fade(TOP_ROTOR)));
-    context.print(-1.2 * half_height, -plate + 0.5, Span::styled("bottom", fade(BOTTOM_ROTOR)));
+    context.print(-1.2 * half_height, -plate + 4.0, Span::styled("top", on(fade(ROTORS[0]))));
+    context.print(-1.2 * half_height, -plate + 0.5, Span::styled("bottom", on(fade(ROTORS[1]))));
 }
 
 /// The line of force, faint and whole, and on it the force of this moment.
@@ -479,21 +506,21 @@ fn draw_histories(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
             |it| Some(it.currents[0]),
             (0.0, limit),
             format!("{:.2} A", newest.currents[0]),
-            TOP_ROTOR,
+            ROTORS[0],
         ),
         curve(
             "bottom",
             |it| Some(it.currents[1]),
             (0.0, limit),
             format!("{:.2} A", newest.currents[1]),
-            BOTTOM_ROTOR,
+            ROTORS[1],
         ),
         curve(
             "battery",
             |it| it.battery,
             (empty, full),
             newest.battery.map_or_else(String::new, |it| format!("{it:.1} V")),
-            Color::Green,
+            GREEN,
         ),
     ];
     let areas = Layout::vertical([Constraint::Length(1); 5]).split(area);
@@ -507,7 +534,7 @@ fn draw_histories(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
         .areas(*area);
         frame.render_widget(Span::styled(format!(" {name}"), FAINT), label);
         let points = points(cockpit, quantity, range, usize::from(curve.width));
-        let style = Style::new().fg(if cockpit.is_stale() { Color::DarkGray } else { color });
+        let style = Style::new().fg(if cockpit.is_stale() { GREY } else { color });
         frame.render_widget(Sparkline::default().data(points).max(STEPS).style(style), curve);
         frame.render_widget(Line::from(value).right_aligned(), number);
     }
@@ -542,16 +569,19 @@ fn draw_log(frame: &mut Frame<'_>, area: Rect, cockpit: &Cockpit) {
     let mut lines: Vec<Line<'_>> = Vec::new();
     // From the newest upwards, as many as fit.
     for line in cockpit.log.iter().rev().take(usize::from(area.height)) {
-        let style = match line.weight {
-            Weight::Note => Style::new(),
-            Weight::Warning => Style::new().fg(Color::Yellow),
-            Weight::Alarm => Style::new().fg(Color::Red).bold(),
+        let (mark, style) = match line.weight {
+            Weight::Note => (FAINT, Style::new()),
+            Weight::Warning => (on(AMBER), Style::new()),
+            Weight::Alarm => (on(RED), STRONG),
         };
         let time = format!(" {:>7.1} ", line.at.as_secs_f32());
         let rows = broken(&line.text, width);
         for (index, row) in rows.into_iter().enumerate().rev() {
-            let head = if index == 0 { time.clone() } else { " ".repeat(LOG_INDENT) };
-            lines.push(Line::from(vec![Span::styled(head, FAINT), Span::styled(row, style)]));
+            let head = match index {
+                0 => Span::styled(time.clone(), mark),
+                _ => Span::raw(" ".repeat(LOG_INDENT)),
+            };
+            lines.push(Line::from(vec![head, Span::styled(row, style)]));
         }
     }
     lines.truncate(usize::from(area.height));
@@ -602,7 +632,7 @@ fn draw_keys(frame: &mut Frame<'_>, area: Rect) {
             for (key, meaning) in row {
                 let is_stop = *key == "space";
                 let key_style = if is_stop {
-                    Style::new().fg(Color::White).bg(Color::Red).bold()
+                    on(RED).add_modifier(Modifier::BOLD)
                 } else {
                     Style::new().reversed()
                 };

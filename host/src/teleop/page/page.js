@@ -331,7 +331,7 @@ byId("settings-find").oninput = ({ target }) => {
 };
 
 // ---- scope: one chart for each unit
-const SCOPE_COLOURS = ["#1f6feb", "#e66a00", "#008f6b", "#804fd8", "#d02b3c", "#29a9d6", "#8d8a00", "#d64fa8"];
+const SCOPE_COLOURS = ["#1e72ff", "#e66a00", "#278c6d", "#6b45bb", "#d1193a", "#01a0cc", "#99965c", "#c8589f"];
 byId("scope").querySelector("summary").onclick = (event) => { if (event.detail) event.currentTarget.blur(); };
 for (const [id, when] of [["scope-now", "now"], ["scope-fault", "fault"], ["scope-last", "last"]]) {
   byId(id).onclick = (event) => {
