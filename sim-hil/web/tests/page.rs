@@ -11,7 +11,7 @@ mod browser;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use browser::Browser;
+use browser::{Browser, Engine};
 use flix_web::{Options, script};
 
 type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
@@ -31,10 +31,10 @@ fn open() -> Outcome<Option<Browser>> {
     let target = Path::new(env!("CARGO_BIN_EXE_flix-web")).ancestors().nth(2).ok_or("no target")?;
     let page = target.join("site/index.html");
     let missing = "no page (`cargo xtask web`) or no browser (`apt install chromium-driver`)";
-    if !Browser::is_to_be_tried(page.exists(), missing)? {
+    if !Browser::is_to_be_tried(Engine::Chromium, page.exists(), missing)? {
         return Ok(None);
     }
-    let browser = Browser::open()?;
+    let browser = Browser::open(Engine::Chromium)?;
     browser.go(&format!("file://{}", page.display()))?;
     Ok(Some(browser))
 }

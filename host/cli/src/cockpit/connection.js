@@ -5,4 +5,4 @@ const SILENT_MS = 1000, GIVE_UP_MS = 5000;
 const DEAF_MS = 1500;
 const STOP_UNHEARD = "STOP may not have arrived. Stop the robot with `flix stop`, or at its switch.";
 const NO_CONNECTION = "No connection to `flix cockpit`. If it was started again, open the address that it has printed last.";
-const drawWorld = () => false;
+const drawWorld = () => false, ownPicture = () => undefined;

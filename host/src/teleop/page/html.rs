@@ -21,7 +21,7 @@ pub struct Page<'a> {
     /// WebSocket; `SILENT_MS` and `GIVE_UP_MS`, how long it may bring nothing until the page shows nothing, and opens another;
     /// `DEAF_MS`, how long it may leave a STOP unanswered until another is tried;
     /// `NO_CONNECTION` and `STOP_UNHEARD`, what is said without one, the second to who has asked for a stop; and `drawWorld`,
-    /// which returns whether it has drawn the robot.
+    /// which returns whether it has drawn the robot; `ownPicture` returns what it draws besides what a snapshot states.
     pub connection: &'a str,
     /// Whether a walk ends when its key or button is released.
     pub holds_to_run: bool,

