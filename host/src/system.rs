@@ -18,8 +18,8 @@ mod present;
 
 #[cfg(not(target_family = "wasm"))]
 pub use present::{
-    ERRORS, PASSING_SOCKET_ERRORS, SIGNALS, create_private, create_private_folder, data_from,
-    end_together, exposed_mode, has_keys, keep_memory_private, shell,
+    ERRORS, PASSING_SOCKET_ERRORS, create_private, create_private_folder, data_from, end_together,
+    exposed_mode, has_keys, keep_memory_private, listen, shell,
 };
 
 /// Measures time, that of a suspended computer too, which [`std::time::Instant`] leaves out on most systems: the robot and the

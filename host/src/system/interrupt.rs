@@ -6,23 +6,21 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::system::{ERRORS, SIGNALS};
+use crate::system::{ERRORS, listen};
 
 /// A request to end this program.
 #[derive(Debug, Clone)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Handles the [`SIGNALS`] that ask a program to end from now on: Ctrl-C (SIGINT), SIGTERM and, but on Windows,
-    /// SIGHUP and SIGQUIT.
+    /// Handles from now on what asks a program to end: Ctrl-C (SIGINT), SIGTERM, SIGHUP and SIGQUIT; on Windows Ctrl-C, Ctrl-Break, a
+    /// console that is closed, and the end of its user's session.
     ///
     /// # Errors
     /// When the operating system refuses the handlers.
     pub fn listen() -> io::Result<Self> {
         let raised = Arc::new(AtomicBool::new(false));
-        for signal in SIGNALS {
-            signal_hook::flag::register(*signal, Arc::clone(&raised))?;
-        }
+        listen(&raised)?;
         Ok(Self(raised))
     }
 

@@ -6,6 +6,8 @@ use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as 
 use std::os::unix::process::CommandExt as _;
 use std::path::Path;
 use std::process::{Child, Command};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -14,8 +16,16 @@ use rustix::process::{Pid, Resource, Rlimit, Signal, getpgrp, kill_process_group
 use rustix::time::{ClockId, clock_gettime};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGXFSZ};
 
-/// Signals that ask a program to end.
-pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM, SIGHUP, SIGQUIT];
+/// Raises a flag by each signal that asks a program to end.
+///
+/// # Errors
+/// When the operating system refuses the handlers.
+pub fn listen(raised: &Arc<AtomicBool>) -> io::Result<()> {
+    for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
+        signal_hook::flag::register(signal, Arc::clone(raised))?;
+    }
+    Ok(())
+}
 
 /// Signals that end a program where an error says the same: of a file that is to be longer than it may (`ulimit -f`).
 pub const ERRORS: &[i32] = &[SIGXFSZ];

@@ -4,13 +4,41 @@ use std::fs::{DirBuilder, File};
 use std::io;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use signal_hook::consts::{SIGINT, SIGTERM};
+use tokio::runtime::Builder;
+use tokio::signal::windows;
 
-/// Signals that ask a program to end.
-pub const SIGNALS: &[i32] = &[SIGINT, SIGTERM];
+/// Raises a flag by Ctrl-C, by Ctrl-Break, when the console is closed, and when the user logs off or the computer shuts down. Windows
+/// ends a program as soon as its handler of the last three returns: tokio's never does, and leaves some 5 s to stop a robot and conclude
+/// a record.
+///
+/// # Errors
+/// When the operating system refuses the handlers.
+pub fn listen(raised: &Arc<AtomicBool>) -> io::Result<()> {
+    let (mut key, mut pause) = (windows::ctrl_c()?, windows::ctrl_break()?);
+    let (mut closed, mut left) = (windows::ctrl_close()?, windows::ctrl_logoff()?);
+    let mut down = windows::ctrl_shutdown()?;
+    let raised = Arc::clone(raised);
+    let runtime = Builder::new_current_thread().build()?;
+    std::thread::spawn(move || {
+        runtime.block_on(async {
+            loop {
+                tokio::select! {
+                    _ = key.recv() => {}
+                    _ = pause.recv() => {}
+                    _ = closed.recv() => {}
+                    _ = left.recv() => {}
+                    _ = down.recv() => {}
+                }
+                raised.store(true, Ordering::SeqCst);
+            }
+        });
+    });
+    Ok(())
+}
 
 /// Signals that end a program where an error says the same.
 pub const ERRORS: &[i32] = &[];

@@ -82,7 +82,7 @@ impl Screen {
         #[cfg(unix)]
         interrupt_by_signal()?;
         execute!(stdout(), EnableMouseCapture, EnableBracketedPaste, EnableFocusChange)?;
-        if holds {
+        if holds && cfg!(unix) {
             let flags = KeyboardEnhancementFlags::DISAMBIGUATE_ESCAPE_CODES
                 | KeyboardEnhancementFlags::REPORT_EVENT_TYPES
                 | KeyboardEnhancementFlags::REPORT_ALTERNATE_KEYS
@@ -214,8 +214,11 @@ fn be_quiet() -> io::Result<()> {
     popped.and(unfocused).and(typed).and(execute!(stdout, DisableMouseCapture))
 }
 
-/// Returns whether the terminal reports keys that are released: kitty's keyboard protocol alone does.
+/// Returns whether the terminal reports keys that are released: kitty's keyboard protocol and the console of Windows do.
 fn reports_releases() -> io::Result<bool> {
+    if cfg!(not(unix)) {
+        return Ok(true);
+    }
     terminal::enable_raw_mode()?;
     let supports = terminal::supports_keyboard_enhancement();
     terminal::disable_raw_mode()?;
@@ -282,16 +285,64 @@ fn read() -> io::Result<Option<Heard>> {
 /// Waits for an event of the terminal: here the system makes them.
 #[cfg(not(unix))]
 fn read() -> io::Result<Option<Heard>> {
-    use ratatui::crossterm::event::{Event, read};
-    Ok(match read()? {
-        Event::Key(key) => Some(Heard::Report(Report::Key(key))),
-        Event::FocusLost => Some(Heard::Report(Report::Unwatched)),
-        Event::FocusGained => Some(Heard::Report(Report::Watched)),
+    Ok(reported(&ratatui::crossterm::event::read()?).map(Heard::Report))
+}
+
+/// Returns what an event of the console of Windows reports.
+#[cfg(any(not(unix), test))]
+const fn reported(event: &ratatui::crossterm::event::Event) -> Option<Report> {
+    use ratatui::crossterm::event::Event;
+    match event {
+        Event::Key(key) => Some(Report::Held(*key)),
+        Event::FocusLost => Some(Report::Unwatched),
+        Event::FocusGained => Some(Report::Watched),
         _ => None,
-    })
+    }
 }
 
 /// Returns whether the terminal is closed: it is no terminal any more.
 pub(crate) fn is_closed() -> bool {
     !io::stdin().is_terminal()
+}
+
+#[cfg(test)]
+mod tests {
+    use ratatui::crossterm::event::{Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+
+    use super::*;
+    use flix_host::teleop::action::Action;
+
+    #[test]
+    fn a_walk_that_is_held_at_a_console_of_windows_ends_when_its_key_is_released() {
+        let mut typing = Typing::new(true);
+        let mut at = Duration::ZERO;
+        let mut typed = |kind| {
+            let key = KeyEvent::new(KeyCode::Char('w'), KeyModifiers::NONE);
+            let report = reported(&Event::Key(KeyEvent { kind, ..key })).unwrap();
+            typing.report(at, report);
+            at += Duration::from_millis(40);
+            let typed = typing.take(at);
+            assert_eq!(typed.doubt, None);
+            typed.actions
+        };
+        assert!(matches!(typed(KeyEventKind::Press)[..], [Action::Walk(_)]));
+        // It repeats as presses.
+        assert_eq!(typed(KeyEventKind::Press), []);
+        assert_eq!(typed(KeyEventKind::Release), [Action::Rest]);
+    }
+
+    #[test]
+    fn without_colours_a_ground_is_reversed_and_the_rest_keeps_its_form() {
+        use ratatui::layout::Rect;
+        use ratatui::style::Style;
+        let mut picture = Buffer::empty(Rect::new(0, 0, 3, 1));
+        picture.set_string(0, 0, "a", Style::new().fg(Color::Red).add_modifier(Modifier::BOLD));
+        picture.set_string(1, 0, "b", Style::new().bg(Color::Red));
+        picture.set_string(2, 0, "c", Style::new().add_modifier(Modifier::REVERSED));
+        without_colours(&mut picture);
+        let forms: Vec<_> =
+            picture.content.iter().map(|cell| (cell.fg, cell.bg, cell.modifier)).collect();
+        let of = |modifier| (Color::Reset, Color::Reset, modifier);
+        assert_eq!(forms, [Modifier::BOLD, Modifier::REVERSED, Modifier::REVERSED].map(of));
+    }
 }
