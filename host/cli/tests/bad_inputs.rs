@@ -17,6 +17,11 @@ const ROWS: &[(&str, i32, &str)] = &[
     ("fly", 2, "unrecognized subcommand"),
     ("--frequency 3", 2, "unexpected argument"),
     ("drvie walker", 2, "drive"),
+    // What would clear a screen, or name a window.
+    ("\u{1b}[2J", 2, "unrecognized subcommand"),
+    ("drive walker --frequency 3\u{1b}]0;x\u{7}", 2, "is not a number"),
+    ("drive walker --fre\u{9b}2J=3", 2, "unexpected argument"),
+    ("status walker\u{202e}\u{1b}[31m --key none", 2, "none"),
     ("help fly", 2, "unrecognized subcommand"),
     ("completions", 2, "SHELL"),
     ("completions tcsh", 2, "possible values"),
@@ -389,7 +394,10 @@ fn bad_input_ends_with_its_exit_code_and_a_sentence() {
 fn wrong(home: &Path, (line, code, word): &(&str, i32, &str)) -> Option<String> {
     let Some(output) = flix(home, line) else { return Some(format!("flix {line}: hangs")) };
     let said = String::from_utf8_lossy(&output.stderr);
-    let is_right =
-        output.status.code() == Some(*code) && said.contains(word) && !said.contains("panicked");
+    let steers = said.contains(|letter: char| letter.is_control() && !"\n\t".contains(letter));
+    let is_right = output.status.code() == Some(*code)
+        && said.contains(word)
+        && !said.contains("panicked")
+        && !steers;
     (!is_right).then(|| format!("flix {line}: {:?} {said}", output.status.code()))
 }

@@ -896,6 +896,25 @@ fn teleop_shows_a_map_of_any_tracker_s_poses() {
 }
 
 #[test]
+fn no_word_that_was_typed_steers_the_terminal_by_an_error_about_it() {
+    for words in
+        [&["\u{1b}]0;owned\u{7}"][..], &["drive", "w", "--frequency", "1\u{1b}[2J\u{9b}2J"]]
+    {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_flix"));
+        command.args(words);
+        let (mut child, mut master) = at_a_terminal(command);
+        let (mut shown, mut bytes) = (Vec::new(), [0; 4096]);
+        while let Ok(length @ 1..) = master.read(&mut bytes) {
+            shown.extend_from_slice(&bytes[..length]);
+        }
+        let shown = String::from_utf8(shown).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(2));
+        let steers = ["\u{1b}]", "\u{1b}[2J", "\u{9b}"].iter().any(|it| shown.contains(it));
+        assert!(shown.contains("error: ") && !steers, "{shown:?}");
+    }
+}
+
+#[test]
 fn without_colours_bold_and_reversed_text_is_left() {
     let (_served, address) = serve(robot());
     let operator = Operator::new();
@@ -1271,7 +1290,8 @@ fn a_robot_rests_when_nobody_is_attached_to_tmux_or_zellij() {
 
 /// Returns whether this program is installed, where its tests are not required.
 fn is_installed(program: &str) -> bool {
-    let is_found = Command::new("which").arg(program).output().is_ok_and(|it| it.status.success());
+    let look = Command::new("sh").args(["-c", "command -v $0", program]).output();
+    let is_found = look.is_ok_and(|it| it.status.success());
     assert!(
         is_found || std::env::var_os("FLIX_REQUIRE_TERMINALS").is_none(),
         "install {program}, or leave FLIX_REQUIRE_TERMINALS unset"

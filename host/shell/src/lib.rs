@@ -28,11 +28,14 @@ pub mod stream;
 pub mod suggestion;
 pub mod time;
 
+use std::borrow::Cow;
+use std::ffi::OsString;
 use std::io::{self, Write as _};
 use std::process::ExitCode;
 
 use clap::FromArgMatches;
 use flix_host::system::interrupt::Interrupt;
+use flix_host::system::text::{printable, printable_lines};
 
 pub use exit::{Error, Exit};
 
@@ -83,6 +86,17 @@ fn with_commas(
     error
 }
 
+/// Prints help, the version, or what is wrong: in colours, unless a word that was typed could steer the terminal.
+fn show(error: &clap::Error) -> io::Result<()> {
+    let is_plain = |word: OsString| {
+        word.to_str().is_some_and(|word| matches!(printable(word), Cow::Borrowed(_)))
+    };
+    if !error.use_stderr() || std::env::args_os().all(is_plain) {
+        return error.print();
+    }
+    io::stderr().write_all(printable_lines(&error.render().to_string()).as_bytes())
+}
+
 /// Parses the command line of a program, first thing in it. Prints help, the version, or what is wrong.
 ///
 /// # Errors
@@ -94,7 +108,7 @@ pub fn parse<C: FromArgMatches>(description: clap::Command) -> Result<C, ExitCod
     let lists = lists(&description);
     let parsed = description.try_get_matches().and_then(|matches| C::from_arg_matches(&matches));
     parsed.map_err(|error| with_commas(error, &lists, std::env::args())).map_err(
-        |error| match error.print() {
+        |error| match show(&error) {
             // Help that was asked for has to be printed; a reader that has closed the pipe has enough.
             Err(lost) if !error.use_stderr() && lost.kind() != io::ErrorKind::BrokenPipe => {
                 let _ = writeln!(io::stderr(), "{name}: stdout cannot be written: {lost}");
