@@ -3,6 +3,8 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use crate::support::{FakeRobot, key};
+use flix_cli::teleop::keyboard::Typing;
+use flix_cli::teleop::sequences::Sequences;
 use flix_cli::teleop::view;
 use flix_host::link::Client;
 use flix_host::nav::PlanarPose;
@@ -417,4 +419,81 @@ fn without_poses_there_is_no_heading_to_hold() {
     let mut desk = Desk::armed();
     desk.press(Action::HoldHeading);
     assert!(desk.cockpit.log.back().unwrap().text.contains("--pose natnet"));
+}
+
+/// What the keys of a keyboard send that stop, disarm, rest and walk, at a terminal. Where a keyboard has no key for a walk, it begins
+/// none: digits and letters of other scripts are known by their place alone, which kitty's protocol states.
+const KEYBOARDS: &[(&str, [&[u8]; 3], Option<&[u8]>)] = &[
+    ("xterm", [b" ", b"\x7f", b"s"], Some(b"w")),
+    ("xterm, caps lock", [b" ", b"\x7f", b"S"], Some(b"W")),
+    ("uxterm and PuTTY with stty erase ^H", [b" ", b"\x08", b"0"], Some(b"1")),
+    ("st", [b" ", b"\x1b[P", b"s"], Some(b"w")),
+    ("Linux' console", [b" ", b"\x1b[3~", b"s"], Some(b"w")),
+    ("xterm's other keys, behind tmux", [b"\x1b[27;2;32~", b"\x7f", b"s"], Some(b"w")),
+    ("kitty", [b"\x1b[32u", b"\x1b[127u", b"\x1b[115u"], Some(b"\x1b[119u")),
+    ("kitty, keypad", [b"\x1b[32;129u", b"\x1b[57426u", b"\x1b[57399u"], Some(b"\x1b[57400u")),
+    ("kitty, Russian", [b"\x1b[32u", b"\x1b[127u", b"\x1b[1099::115u"], Some(b"\x1b[1094::119u")),
+    ("kitty, Japanese input", [b"\x1b[12288u", b"\x1b[127u", b"\x1b[65363u"], Some(b"\x1b[65367u")),
+    (
+        "Japanese input",
+        ["\u{3000}".as_bytes(), b"\x7f", "\u{ff53}".as_bytes()],
+        Some("\u{ff57}".as_bytes()),
+    ),
+    (
+        "Mac with Option, bepo with shift",
+        ["\u{a0}".as_bytes(), b"\x1b[3~", "\u{202f}s".as_bytes()],
+        Some(b"w"),
+    ),
+    ("AZERTY", ["\u{202f}".as_bytes(), b"\x7f", "\u{e0}".as_bytes()], Some(b"1")),
+    ("German, dead keys", ["\u{b4}".as_bytes(), b"\x7f", "\u{e4}".as_bytes()], Some(b"w")),
+    ("US international", [b"'", b"\x7f", "\u{df}".as_bytes()], Some(b"w")),
+    ("Persian", ["\u{200c}".as_bytes(), b"\x7f", "\u{633}".as_bytes()], None),
+    ("Russian", [b" ", b"\x7f", "\u{44b}".as_bytes()], None),
+    ("Latin-1, AltGr", [b"\xa0", b"\x7f", b"\xe4"], Some(b"w")),
+    ("EUC-JP and GBK", [b"\xa1\xa1", b"\x7f", b"\xa4\xb9"], Some(b"w")),
+];
+
+impl Desk {
+    /// Types this at a terminal, and goes on for 0.3 s.
+    fn type_in(&mut self, bytes: &[u8]) {
+        let (mut sequences, mut typing) = (Sequences::default(), Typing::default());
+        let begun = self.now;
+        for round in 0..30 {
+            let at = self.now.since(begun);
+            typing.look(at);
+            let typed = if round == 1 { bytes } else { b"" };
+            for report in sequences.take(at, typed) {
+                typing.report(at, report);
+            }
+            let typed = typing.take(at);
+            for action in typed.actions {
+                self.cockpit.act(action, self.now, &mut self.client, self.now);
+            }
+            if let Some(doubt) = typed.doubt {
+                self.cockpit.abandon(doubt, &mut self.client, self.now);
+            }
+            self.run(Duration::from_millis(10));
+        }
+    }
+}
+
+#[test]
+fn every_keyboard_stops_disarms_rests_and_walks_within_0_3_s() {
+    for (keyboard, [stop, disarm, rest], walk) in KEYBOARDS {
+        let walking = || {
+            let mut desk = Desk::armed();
+            desk.press(Action::Walk(PaperMode::LeftTurn));
+            desk
+        };
+        let after = |mut desk: Desk, bytes: &[u8]| {
+            desk.type_in(bytes);
+            (desk.robot.setpoint == Setpoint::REST, desk.robot.state, desk.robot.stopped)
+        };
+        assert!(after(walking(), stop).2, "{keyboard} stops");
+        assert_eq!(after(walking(), disarm), (true, State::Disarmed, false), "{keyboard} disarms");
+        assert!(after(walking(), rest).0, "{keyboard} rests");
+        let mut desk = Desk::armed();
+        desk.type_in(walk.unwrap_or(rest));
+        assert_eq!(desk.robot.setpoint != Setpoint::REST, walk.is_some(), "{keyboard} walks");
+    }
 }

@@ -130,6 +130,8 @@ const MOST_QUESTIONS: usize = 128;
 /// Most columns and rows of the places by which answers are told apart, from the second row on: some terminals report F3 as a place
 /// in the first one.
 const PLACES: [u16; 2] = [40, 10];
+/// Why a robot rests whose operator may have missed a key.
+const MISSED: &str = "a key was pressed that does nothing";
 /// What an answer of the terminal begins with, read as a key with Alt: ECMA-48's control strings DCS, SOS, OSC, PM, APC.
 const STRINGS: [KeyCode; 5] = [
     KeyCode::Char('P'),
@@ -155,8 +157,10 @@ pub enum Report {
     Watched,
     /// Whether a program on the way answers in the terminal's place, and does not say whether anybody looks.
     Unsure(bool),
-    /// Text that nobody typed came to its end: pasted, an answer of the terminal, or bytes that are no character.
+    /// Text that nobody typed came to its end: pasted, or an answer of the terminal.
     Text,
+    /// A byte that is no character: of a key, where the terminal has another encoding than UTF-8, or of text.
+    Foreign,
     /// A sequence has no end: what follows may be a part of it. Pasted text may be long under way.
     BrokenOff {
         /// Whether it was one.
@@ -385,7 +389,12 @@ impl Typing {
             }
             Report::Watched => self.is_unwatched = false,
             Report::Unsure(is_unsure) => self.is_unsure = is_unsure,
-            Report::Text => (self.is_text, self.last, self.rest) = (true, at, None),
+            Report::Text | Report::Foreign => {
+                (self.is_text, self.last, self.rest) = (true, at, None);
+                if report == Report::Foreign {
+                    self.ready.doubt = Some(MISSED);
+                }
+            }
             Report::BrokenOff { is_paste } => {
                 self.together.fill(None);
                 self.rest = Some((at, if is_paste { PASTE_PAUSE } else { PAUSE }));
@@ -455,7 +464,7 @@ impl Typing {
         let is_touched = std::mem::take(&mut self.is_touched);
         if std::mem::take(&mut self.is_unknown) && !is_text {
             // Whoever misses a key of a robot that walks may have meant any other.
-            self.ready.doubt = Some("a key was pressed that does nothing");
+            self.ready.doubt = Some(MISSED);
         }
         if is_text || keys.len() > TOGETHER {
             self.ready.dropped += keys.len();

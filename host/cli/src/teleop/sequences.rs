@@ -212,7 +212,9 @@ fn report(sequence: &[u8]) -> Option<Report> {
         // Where `stty erase` is Ctrl-H, and the key Delete of st.
         [BACKSPACE] => return Some(Report::Key(KeyCode::Backspace.into())),
         b"\x1b[P" => return Some(Report::Key(KeyCode::Delete.into())),
-        _ if std::str::from_utf8(sequence).is_err() => return Some(Report::Text),
+        // The space bar with AltGr in Latin-1, and with an input method in EUC-JP, GBK and EUC-KR.
+        [0xa0 | 0xa1] => return Some(Report::Key(KeyCode::Char('\u{a0}').into())),
+        _ if std::str::from_utf8(sequence).is_err() => return Some(Report::Foreign),
         _ => {}
     }
     let sequence = &*by_place(sequence).map_or(Cow::Borrowed(sequence), Cow::Owned);
