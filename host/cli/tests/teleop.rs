@@ -421,9 +421,12 @@ fn without_poses_there_is_no_heading_to_hold() {
     assert!(desk.cockpit.log.back().unwrap().text.contains("--pose natnet"));
 }
 
+/// Keyboard and terminal; what their keys send that stop, disarm and rest; and those that walk.
+type Keyboard = (&'static str, [&'static [u8]; 3], Option<&'static [u8]>);
+
 /// What the keys of a keyboard send that stop, disarm, rest and walk, at a terminal. Where a keyboard has no key for a walk, it begins
 /// none: digits and letters of other scripts are known by their place alone, which kitty's protocol states.
-const KEYBOARDS: &[(&str, [&[u8]; 3], Option<&[u8]>)] = &[
+const KEYBOARDS: &[Keyboard] = &[
     ("xterm", [b" ", b"\x7f", b"s"], Some(b"w")),
     ("xterm, caps lock", [b" ", b"\x7f", b"S"], Some(b"W")),
     ("uxterm and PuTTY with stty erase ^H", [b" ", b"\x08", b"0"], Some(b"1")),

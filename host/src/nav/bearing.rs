@@ -3,7 +3,7 @@
 //! A tracked body whose forward axis is not the robot's is seen to walk at a constant angle to its commands, and otherwise as
 //! commanded. A robot that is not like its mode table walks at another angle, speed and rate of turn in each mode.
 
-use super::plausibility::{ARM, Moved, size};
+use super::moved::{ARM, Moved, size};
 
 /// Commanded way over which sums fade to a third, m.
 const MEMORY: f64 = 0.4;

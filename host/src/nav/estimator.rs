@@ -20,8 +20,8 @@ use super::belief::Belief;
 use super::experience::Experience;
 use super::modes::{Mode, ModeTable, Spread};
 use super::motion::{Gait, Motion, REST, Response, motions};
+use super::moved::{Moved, between};
 use super::pace::Pace;
-use super::plausibility::{Moved, between};
 use crate::pose::geometry::{PlanarPose, Twist, wrap};
 
 /// Time constant of the pose filter, s: two periods of the slowest useful shaking (some 20 Hz).

@@ -25,6 +25,7 @@ mod footing;
 mod identification;
 mod modes;
 mod motion;
+mod moved;
 mod navigator;
 mod outlook;
 mod pace;

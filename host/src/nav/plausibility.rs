@@ -20,6 +20,7 @@ use flix_protocol::units::Instant;
 
 use super::bearing::Bearing;
 use super::end_reason::EndReason;
+use super::moved::{ARM, Moved, between, length, size, sum};
 use crate::pose::continuity::{FASTEST, FASTEST_TURN, REACH, STEADY_TIME, TURN};
 use crate::pose::geometry::{PlanarPose, wrap};
 
@@ -29,8 +30,6 @@ const GAP: Duration = Duration::from_millis(100);
 const WINDOW: f64 = 0.5;
 /// Halves of windows that are kept, 1.5 s: the commanded motion may be up to 1 s older.
 const SLOTS: usize = 6;
-/// Length by which a turn counts as a motion, m: half the robot's.
-pub(super) const ARM: f64 = 0.1;
 /// Motion in a window below which a robot stands, m: well above the noise of motion capture.
 const STANDS: f64 = 0.01;
 /// Agreement from which poses answer: that of a robot which moves in the commanded direction at 0.15 to 6.5 times the expected
@@ -43,9 +42,6 @@ const SPEED: f64 = 0.2;
 const YAW: f64 = 2.5;
 /// Longest time for which such a robot walks without a pose, s: until the pose is too old, and while the rotors ramp down.
 const WALKED: f64 = 0.5;
-
-/// Motion on the floor: east, m, north, m, and turn to the left, rad.
-pub(crate) type Moved = [f64; 3];
 
 /// Motion that is commanded.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -186,25 +182,6 @@ impl Plausibility {
     pub(crate) fn trust_again(&mut self) {
         (self.doubt, self.slots) = (0.0, Default::default());
     }
-}
-
-fn sum(a: Moved, b: Moved) -> Moved {
-    std::array::from_fn(|axis| a[axis] + b[axis])
-}
-
-/// Returns the motion from one pose to another.
-pub(crate) fn between(from: &PlanarPose, to: &PlanarPose) -> Moved {
-    [to.x - from.x, to.y - from.y, wrap(to.heading - from.heading)]
-}
-
-/// Length of the way, m.
-fn length(moved: Moved) -> f64 {
-    moved[0].hypot(moved[1])
-}
-
-/// Size of a motion with its turn, m.
-pub(super) fn size(moved: Moved) -> f64 {
-    length(moved).hypot(ARM * moved[2])
 }
 
 fn agreement(seen: Moved, commanded: Moved) -> f64 {

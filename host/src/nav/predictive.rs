@@ -189,7 +189,8 @@ impl<'a> Prospects<'a> {
                 }
                 let course = path.course(node.pose.position(), &place, self.weights.return_length);
                 let astray = 1.0 - self.course_error(node, course).cos();
-                self.weights.tail * self.weights.robust(place.error + self.trim) + self.weights.course * astray
+                self.weights.tail * self.weights.robust(place.error + self.trim)
+                    + self.weights.course * astray
             }
             Goal::Reach { point } => {
                 let distance = node.pose.distance_to(point);

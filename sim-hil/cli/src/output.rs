@@ -50,25 +50,6 @@ pub(crate) fn print_figures(
     Ok(if pass { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Prints the figures of robots that were measured. When one could not be brought to run, its JSON, too, says so.
-pub(crate) fn print_verdict<F: Serialize>(
-    measured: Result<F, impl Into<Error>>,
-    pass: impl FnOnce(&F) -> bool,
-    json: bool,
-    text: impl FnOnce(&F) -> String,
-) -> Result<ExitCode, Error> {
-    match measured {
-        Ok(figures) => print_figures(&figures, pass(&figures), json, || text(&figures)),
-        Err(error) if json => print_figures(&failure(&error.into()), false, true, String::new),
-        Err(error) => Err(error.into()),
-    }
-}
-
-/// Returns the figures of a robot that could not be measured.
-fn failure(error: &Error) -> serde_json::Value {
-    serde_json::json!({ "pass": false, "error": error.to_string() })
-}
-
 /// The cells of a row of [`table()`], each by its `Display`.
 macro_rules! row {
     ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
@@ -107,18 +88,6 @@ pub(crate) fn words(variant: &impl core::fmt::Debug) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use flix_host::link::LinkError;
-    use flix_sim::rig::operation::OperationError;
-
-    #[test]
-    fn a_robot_that_cannot_be_brought_to_run_fails_in_json_too() {
-        let error = OperationError::from(LinkError::Unanswered).into();
-        let json = failure(&error);
-        assert_eq!((&json["pass"], &json["error"]), (&false.into(), &error.to_string().into()));
-        let measured: Result<(), OperationError> = Err(LinkError::OtherAnswer.into());
-        let exit = print_verdict(measured, |()| true, true, |()| String::new()).unwrap();
-        assert_eq!(exit, ExitCode::FAILURE);
-    }
 
     #[test]
     fn numbers_stand_to_the_right_and_text_to_the_left() {

@@ -16,6 +16,7 @@ use flix_protocol::session::Key;
 use flix_protocol::units::{Instant, OutOfRange};
 
 use super::attacker::Attacker;
+use super::findings::Findings;
 use super::kind::{FORGERIES, Kind};
 use crate::rig::bench::{Base, BenchError, bench_knowing, setpoint};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
@@ -53,21 +54,6 @@ fn add(sum: &mut Dropped, more: &Dropped) {
     sum.session += more.session;
     sum.busy += more.busy;
     sum.unprovisioned += more.unprovisioned;
-}
-
-/// What happened in one scenario.
-#[derive(Debug, Clone)]
-pub(super) struct Account {
-    pub(super) kinds: [u64; FORGERIES.len()],
-    pub(super) dropped: Dropped,
-    pub(super) forgeries: u64,
-    pub(super) movements: u64,
-    pub(super) handshake_s: f64,
-    /// Share of the operator's commands before the turn whose answers he heard.
-    pub(super) answers_heard: f64,
-    pub(super) overruns: u64,
-    /// Whether the robot did all that its operator asked, so that there was something to disturb.
-    pub(super) is_complete: bool,
 }
 
 /// Where two robots that should be the same are not.
@@ -116,19 +102,11 @@ impl Scenario {
         Ok(Self { turn, attacked, calm, attacker })
     }
 
-    pub(super) fn run(mut self, datagrams: u64) -> Result<Account, BenchError> {
+    pub(super) fn run(mut self, datagrams: u64) -> Result<Findings, BenchError> {
         let start = self.attacked.now();
         let ticks = LENGTH.as_millis() as u64 * TICKS_PER_MS;
-        let mut account = Account {
-            kinds: [0; FORGERIES.len()],
-            dropped: Dropped::default(),
-            forgeries: 0,
-            movements: 0,
-            handshake_s: f64::INFINITY,
-            answers_heard: 0.0,
-            overruns: 0,
-            is_complete: false,
-        };
+        let mut findings =
+            Findings { handshake_s: Some(f64::INFINITY), driven: Some(0.0), ..Findings::default() };
         let mut shaken = [false; 2];
         let mut sent = 0;
         for tick in 0..ticks {
@@ -136,49 +114,52 @@ impl Scenario {
                 script(operation, tick, self.turn, start)?;
             }
             while sent * ticks < datagrams * (tick + 1) {
-                self.attack(&mut account);
+                self.attack(&mut findings);
                 sent += 1;
             }
             let is_turn = self.attacked.now() == start + TURN;
             if is_turn {
-                account.answers_heard = 1.0 - self.attacked.client().statistics().loss();
+                findings.answers_heard = Some(1.0 - self.attacked.client().statistics().loss());
             }
             if is_turn && self.turn == Turn::Restart {
                 // A restart starts the robot's counters over.
-                add(&mut account.dropped, &self.attacked.robot.link_quality().dropped);
+                add(&mut findings.dropped, &self.attacked.robot.link_quality().dropped);
             }
             let attacker = &mut self.attacker;
             self.attacked.tick_overheard(|towards, datagram| attacker.keep(towards, datagram))?;
             self.calm.tick()?;
             let divergence = Divergence::between(&self.attacked, &self.calm);
-            account.forgeries += u64::from(divergence.obeyed);
-            account.movements += u64::from(divergence.moved);
+            findings.forgeries += u64::from(divergence.obeyed);
+            findings.movements += u64::from(divergence.moved);
             if divergence != Divergence::default() {
                 break;
             }
             let now = self.attacked.now();
-            if account.handshake_s.is_infinite() && self.attacked.client().is_connected(now) {
-                account.handshake_s = now.since(start).as_secs_f64();
+            if findings.handshake_s == Some(f64::INFINITY)
+                && self.attacked.client().is_connected(now)
+            {
+                findings.handshake_s = Some(now.since(start).as_secs_f64());
             }
             let frequency = self.attacked.robot.truth().frequency();
             shaken[0] |= frequency > 25.0;
             shaken[1] |= frequency < -25.0;
         }
-        add(&mut account.dropped, &self.attacked.robot.link_quality().dropped);
+        add(&mut findings.dropped, &self.attacked.robot.link_quality().dropped);
         let timing = self.attacked.robot.report().timing;
-        account.overruns = timing.overruns.into();
+        findings.overruns = timing.overruns.into();
         let is_at_rest = self.attacked.robot.truth().frequency().abs() < 0.5;
-        account.is_complete = shaken == [true; 2] && is_at_rest;
-        Ok(account)
+        // Whether the robot did all that its operator asked, so that there was something to disturb.
+        findings.driven = Some(f64::from(u8::from(shaken == [true; 2] && is_at_rest)));
+        Ok(findings)
     }
 
-    fn attack(&mut self, account: &mut Account) {
+    fn attack(&mut self, findings: &mut Findings) {
         let now = self.attacked.now();
         let operator = self.attacked.operators[0].address;
         let which = self.attacker.below(FORGERIES.len());
         let kind = FORGERIES[which];
         let datagram = self.attacker.datagram(kind, now);
-        account.kinds[which] += 1;
+        findings.count(kind, 1);
         // The operator, too, gets forged datagrams.
         if self.attacker.below(8) == 0 && kind != Kind::Reflected {
             let datagram = self.attacker.datagram(Kind::Flipped, now);

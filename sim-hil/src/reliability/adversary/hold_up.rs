@@ -1,7 +1,7 @@
 //! A network in the attacker's hands, between an operator with the key and his robot.
 //!
 //! A robot lives through several sessions. In each the operator connects, arms and shakes it. At a random moment the
-//! network begins one of [`HOLD_UPS`](super::kind::HOLD_UPS); at another the operator's intent to move ends
+//! network begins one of [`HOLD_UPS`]; at another the operator's intent to move ends
 //! ([`Departure`]); the network goes on, and releases what it kept. In some sessions the robot then restarts or gets
 //! another key, and all that was ever sent to it is played to it again; in some a next operator waits for it.
 //!
@@ -12,16 +12,17 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use flix_host::link::{Client, Update, Wish};
-use flix_protocol::failsafe::{COMMAND_AGE, LINK_LOST, LONGEST_MOVEMENT};
+use flix_protocol::failsafe::COMMAND_AGE;
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{Permit, Setpoint, State};
-use flix_protocol::session::{HANDSHAKE_RETRY, Key, StopSession};
+use flix_protocol::session::{Key, StopSession};
 use flix_protocol::units::{Hertz, Instant};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::findings::{Findings, raise};
 use super::forgery::{NETWORK, TICKS_PER_MS};
-use super::kind::Kind;
+use super::kind::{HOLD_UPS, Kind};
 use crate::reliability::fault_matrix::REST_HZ;
 use crate::rig::bench::{Base, BenchError, bench_knowing, setpoint};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault, Injected};
@@ -29,16 +30,6 @@ use crate::rig::lossy_network::{ChannelParameters, Release};
 use crate::rig::operation::{Operation, Towards};
 use crate::rig::simulated::Processor;
 
-/// Longest movement after the operator's last intent to move, s: the command age and the ramp down from 35 Hz.
-pub const MOVEMENT_LIMIT_S: f64 = LONGEST_MOVEMENT.as_millis() as f64 / 1e3;
-/// Longest time from an operator's last intent to the next one's session, s: the command age, the silence after which
-/// a session is free, and two attempts.
-pub const NEXT_OPERATOR_LIMIT_S: f64 =
-    (COMMAND_AGE.as_millis() + LINK_LOST.as_millis() + 2 * HANDSHAKE_RETRY.as_millis()) as f64
-        / 1e3;
-
-/// Longest time from somebody else's stop to the latched stop of a robot that an operator holds, s.
-pub const FOREIGN_STOP_LIMIT_S: f64 = 0.3;
 /// Share of the datagrams of somebody else's stop that are lost, each way.
 const FOREIGN_LOSS: f64 = 0.2;
 /// From where somebody else stops the robot.
@@ -167,25 +158,6 @@ impl Plan {
     }
 }
 
-/// What happened to one robot.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Account {
-    /// Datagrams under each harm.
-    pub(super) kinds: Vec<(Kind, u64)>,
-    /// Sessions in which a rotor turned when the operator's intent ended.
-    pub(super) driven: u64,
-    /// Longest time that a rotor turned after the operator's last intent to move, s.
-    pub(super) movement_s: f64,
-    /// Longest time from somebody else's stop to the latched stop, s.
-    pub(super) foreign_stop_s: f64,
-    /// Longest time from the last intent to the next operator's session, s.
-    pub(super) next_operator_s: f64,
-    /// Starts of movement, and clears, by operators whom the robot had not stated its present permit.
-    pub(super) unshown: u64,
-    /// Orders in force that idle ones undid which were sent before them.
-    pub(super) undone: u64,
-}
-
 /// Lets the robot of this seed live through a session under each of these harms; chance comes from `life` too.
 ///
 /// # Errors
@@ -195,7 +167,7 @@ pub(super) fn run(
     life: u64,
     kinds: &[Kind],
     flash: Option<Vec<u8>>,
-) -> Result<Account, BenchError> {
+) -> Result<Findings, BenchError> {
     let mut life = Life {
         operation: bench_knowing(Base::Free, seed, flash, NETWORK)?,
         random: Xoshiro256PlusPlus::seed_from_u64(seed ^ life.rotate_left(40)),
@@ -210,12 +182,16 @@ pub(super) fn run(
         silent_until: None,
         shown: Vec::new(),
         looked_at: (State::Disarmed, 0),
-        account: Account::default(),
+        findings: Findings::default(),
+        driven: 0,
     };
     for &kind in kinds {
         life.session(kind)?;
     }
-    Ok(life.account)
+    // Some kinds alone leave little to disturb.
+    let is_whole = kinds.len() == HOLD_UPS.len();
+    life.findings.driven = is_whole.then(|| f64::from(life.driven) / kinds.len() as f64);
+    Ok(life.findings)
 }
 
 /// Asks for what brings the robot to shake as wanted; one that shakes is changed only if `changes`.
@@ -265,7 +241,9 @@ struct Life {
     shown: Vec<Option<Permit>>,
     /// State and count of clears that were looked at last.
     looked_at: (State, u8),
-    account: Account,
+    findings: Findings,
+    /// Sessions in which a rotor turned when the operator's intent to move ended.
+    driven: u32,
 }
 
 impl Life {
@@ -303,10 +281,10 @@ impl Life {
                 None => (is_moving || waited >= PATIENCE).then_some(1),
             };
             if moving == Some(plan.departs) {
-                self.account.driven += u64::from(is_moving);
+                self.driven += u32::from(is_moving);
             }
         }
-        self.account.kinds.push((kind, self.taken() - harmed_from));
+        self.findings.count(kind, self.taken() - harmed_from);
         Ok(())
     }
 
@@ -352,7 +330,7 @@ impl Life {
                     Update::Connected if place > 0 && self.is_awaited => {
                         self.is_awaited = false;
                         let waited = now.since(self.intent.max(self.left)).as_secs_f64();
-                        self.account.next_operator_s = self.account.next_operator_s.max(waited);
+                        raise(&mut self.findings.next_operator_s, waited);
                     }
                     _ => {}
                 }
@@ -425,7 +403,7 @@ impl Life {
             (state, report.state),
             (State::Aligning | State::Armed | State::Running, State::Disarmed | State::Stopping)
         );
-        self.account.undone +=
+        self.findings.unshown +=
             u64::from(is_undone && kind == Kind::IdleReleased && self.is_driving);
         let starts = matches!(
             (state, report.state),
@@ -436,7 +414,7 @@ impl Life {
             let holder = robot.operator();
             let place = self.operation.operators.iter().position(|it| Some(it.address) == holder);
             let shown = place.and_then(|place| self.shown[place]);
-            self.account.unshown += u64::from(shown != Some(report.permit));
+            self.findings.unshown += u64::from(shown != Some(report.permit));
         }
     }
 
@@ -485,7 +463,7 @@ impl Life {
         if !*is_latched && self.operation.robot.report().stopped {
             *is_latched = true;
             let waited = now.since(*asked).as_secs_f64();
-            self.account.foreign_stop_s = self.account.foreign_stop_s.max(waited);
+            raise(&mut self.findings.foreign_stop_s, waited);
         }
         let Some(datagram) = stop.poll(now) else { return };
         if self.random.random::<f64>() < FOREIGN_LOSS {
@@ -586,7 +564,7 @@ impl Life {
         self.look(kind);
         if !self.operation.robot.truth().is_slower_than(REST_HZ) {
             let since = self.operation.now().since(self.intent).as_secs_f64();
-            self.account.movement_s = self.account.movement_s.max(since);
+            raise(&mut self.findings.movement_s, since);
         }
         Ok(())
     }

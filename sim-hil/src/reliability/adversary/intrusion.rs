@@ -26,6 +26,7 @@ use flix_protocol::units::Instant;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::findings::{Findings, raise};
 use super::forgery::NETWORK;
 use super::hold_up::{LOOK, drive};
 use super::kind::{INTRUSIONS, Kind};
@@ -41,6 +42,9 @@ use crate::rig::simulated::SimulatedRobot;
 const PACES: [u64; 2] = [14, 1_000];
 /// How the operator's intent ends: his program ends, or somebody else with the key stops the robot.
 const DEPARTURES: [Departure; 2] = [Departure::Ends, Departure::IsOverruled];
+
+/// All of these, of each kind.
+pub(super) const COUNT: usize = INTRUSIONS.len() * PACES.len() * DEPARTURES.len();
 
 /// Interval at which the operator looks at the robot, us.
 const LOOK_US: u64 = LOOK * 1_000;
@@ -69,44 +73,9 @@ enum Departure {
     IsOverruled,
 }
 
-/// What happened to one robot.
-#[derive(Debug, Clone)]
-pub(super) struct Account {
-    pub(super) kind: Kind,
-    pub(super) frames: u64,
-    /// Time from power-up to the session, s.
-    pub(super) handshake_s: f64,
-    /// Share of the operator's commands whose answers he heard.
-    pub(super) answers_heard: f64,
-    /// Whether a rotor turned when the operator's intent ended.
-    pub(super) was_driven: bool,
-    /// Longest time that a rotor turned after the operator's last intent to move, s.
-    pub(super) movement_s: f64,
-    /// Time from somebody else's stop to the latched stop, s.
-    pub(super) foreign_stop_s: f64,
-    pub(super) overruns: u64,
-    pub(super) discovery: Discovery,
-}
-
-impl Account {
-    fn new(kind: Kind) -> Self {
-        Self {
-            kind,
-            frames: 0,
-            handshake_s: f64::INFINITY,
-            answers_heard: 0.0,
-            was_driven: false,
-            movement_s: 0.0,
-            foreign_stop_s: 0.0,
-            overruns: 0,
-            discovery: Discovery::default(),
-        }
-    }
-}
-
 /// mDNS after the announcements, without headers.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Discovery {
+struct Discovery {
     asked_bytes: u64,
     answered_bytes: u64,
     /// Answers in each second.
@@ -115,12 +84,12 @@ pub(super) struct Discovery {
 
 impl Discovery {
     /// Returns the bytes that each byte of a question brought out.
-    pub(super) fn amplification(&self) -> f64 {
+    fn amplification(&self) -> f64 {
         self.answered_bytes as f64 / self.asked_bytes.max(1) as f64
     }
 
     /// Returns the most answers in a second.
-    pub(super) fn answers_per_s(&self) -> u64 {
+    fn answers_per_s(&self) -> u64 {
         self.answers.values().copied().max().unwrap_or(0)
     }
 
@@ -142,16 +111,16 @@ impl Discovery {
 ///
 /// # Errors
 /// When the mechanics diverge.
-pub(super) fn run_all(seed: u64, flash: &Option<Vec<u8>>) -> Result<Vec<Account>, BenchError> {
-    let mut accounts = Vec::new();
+pub(super) fn run_all(seed: u64, flash: &Option<Vec<u8>>) -> Result<Vec<Findings>, BenchError> {
+    let mut all = Vec::new();
     for kind in INTRUSIONS {
         for pace in PACES {
             for departure in DEPARTURES {
-                accounts.push(run(seed, kind, pace, departure, flash.clone())?);
+                all.push(run(seed, kind, pace, departure, flash.clone())?);
             }
         }
     }
-    Ok(accounts)
+    Ok(all)
 }
 
 fn run(
@@ -160,7 +129,7 @@ fn run(
     pace: u64,
     departure: Departure,
     flash: Option<Vec<u8>>,
-) -> Result<Account, BenchError> {
+) -> Result<Findings, BenchError> {
     let mut operation = bench_knowing(Base::Free, seed, flash, NETWORK)?;
     let wanted = setpoint(30.0, 30.0)?;
     let client = operation.operators.remove(0).client;
@@ -323,11 +292,16 @@ impl Session<'_> {
         network: Network,
         mut operator: Operator,
         mut intruder: Intruder,
-    ) -> Result<Account, Diverged> {
+    ) -> Result<Findings, Diverged> {
         let discovery = Rc::new(RefCell::new(Discovery::default()));
         watch_answers(&network.wire, &discovery);
         let mut stop = None;
-        let mut account = Account::new(intruder.kind);
+        let mut findings = Findings {
+            handshake_s: Some(f64::INFINITY),
+            answers_heard: Some(0.0),
+            driven: Some(0.0),
+            ..Findings::default()
+        };
         // The first movement, and the end of the operator's intent.
         let (mut moved, mut departed) = (None, None);
         let is_over = |now: Instant, moved: Option<Instant>| match moved {
@@ -342,15 +316,15 @@ impl Session<'_> {
             if is_moving {
                 moved = moved.or(Some(now));
                 let since = departed.map_or(0.0, |departed| now.since(departed).as_secs_f64());
-                account.movement_s = account.movement_s.max(since);
+                raise(&mut findings.movement_s, since);
             }
             if departed.is_none() && now.as_micros().is_multiple_of(LOOK_US) {
                 self.look(&mut operator.client, now);
             }
             if departed.is_none() && moved.is_some_and(|moved| now >= moved + DRIVEN) {
                 departed = Some(now);
-                account.answers_heard = 1.0 - operator.client.statistics().loss();
-                account.was_driven = is_moving;
+                findings.answers_heard = Some(1.0 - operator.client.statistics().loss());
+                findings.driven = Some(f64::from(u8::from(is_moving)));
                 stop = (self.departure == Departure::IsOverruled).then(|| {
                     (StopSession::new(&bench_key(), [6; 32], now), network.socket(40_001))
                 });
@@ -358,13 +332,13 @@ impl Session<'_> {
             if departed.is_none() || self.departure == Departure::IsOverruled {
                 operator.attend(now).await;
             }
-            if account.handshake_s.is_infinite() && operator.client.is_connected(now) {
-                account.handshake_s = now.since(Instant::START).as_secs_f64();
+            if findings.handshake_s == Some(f64::INFINITY) && operator.client.is_connected(now) {
+                findings.handshake_s = Some(now.since(Instant::START).as_secs_f64());
             }
             if let (Some((stop, socket)), Some(asked)) = (&mut stop, departed) {
                 overrule(stop, socket, now).await;
                 if !self.robot.borrow().report().stopped {
-                    account.foreign_stop_s = now.since(asked).as_secs_f64();
+                    findings.foreign_stop_s = Some(now.since(asked).as_secs_f64());
                 }
             }
             if let Some(error) = self.divergence.take() {
@@ -372,10 +346,20 @@ impl Session<'_> {
             }
             Timer::after(TICK).await;
         }
-        account.frames = intruder.frames;
-        account.overruns = self.robot.borrow().report().timing.overruns.into();
-        account.discovery = discovery.take();
-        Ok(account)
+        findings.count(intruder.kind, intruder.frames);
+        findings.overruns = self.robot.borrow().report().timing.overruns.into();
+        let discovery = discovery.take();
+        findings.answers_per_s = Some(discovery.answers_per_s() as f64);
+        match intruder.kind {
+            Kind::ForeignQuestions => {
+                findings.off_link_amplification = Some(discovery.amplification());
+            }
+            Kind::NeighbourQuestions => {
+                findings.on_link_amplification = Some(discovery.amplification());
+            }
+            _ => {}
+        }
+        Ok(findings)
     }
 
     /// The operator looks at the robot, and asks again for what it does not do yet.

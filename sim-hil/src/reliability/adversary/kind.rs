@@ -5,7 +5,7 @@ use serde::Serialize;
 /// What the attacker sends, and what a network in its hands does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub(super) enum Kind {
     /// Any bytes.
     Noise,
     /// Any bytes behind a good head of any kind, in the length of that kind as often as not.
@@ -117,7 +117,7 @@ pub enum Kind {
 }
 
 /// What the attacker makes up, each as often as the others.
-pub const FORGERIES: [Kind; 19] = [
+pub(super) const FORGERIES: [Kind; 19] = [
     Kind::Noise,
     Kind::Headed,
     Kind::Forged,
@@ -140,7 +140,7 @@ pub const FORGERIES: [Kind; 19] = [
 ];
 
 /// What a network in the attacker's hands does to genuine datagrams, each in as many sessions as the others.
-pub const HOLD_UPS: [Kind; 16] = [
+pub(super) const HOLD_UPS: [Kind; 16] = [
     Kind::Delayed,
     Kind::DelayedToRobot,
     Kind::DelayedToOperator,
@@ -160,10 +160,10 @@ pub const HOLD_UPS: [Kind; 16] = [
 ];
 
 /// What is done to the renewals of a session's keys, each to as many sessions as the others.
-pub const RENEWALS: [Kind; 2] = [Kind::RenewalHeldBack, Kind::RenewalReplayed];
+pub(super) const RENEWALS: [Kind; 2] = [Kind::RenewalHeldBack, Kind::RenewalReplayed];
 
 /// What is put on the wire beside genuine frames, each in as many sessions as the others.
-pub const INTRUSIONS: [Kind; 5] = [
+pub(super) const INTRUSIONS: [Kind; 5] = [
     Kind::ForgedArp,
     Kind::GratuitousArp,
     Kind::ForeignQuestions,
@@ -172,7 +172,7 @@ pub const INTRUSIONS: [Kind; 5] = [
 ];
 
 /// What is attacked beside a session that stands.
-pub const SIEGES: [Kind; 10] = [
+pub(super) const SIEGES: [Kind; 10] = [
     Kind::StopsReplayed,
     Kind::RelayedAtCable,
     Kind::SocketsOfStrangers,

@@ -12,8 +12,9 @@ use flix_protocol::units::Instant;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-/// Largest distance of a trusted pose from the robot, m: three times what is always within reach.
-pub const POSE_LIMIT_M: f64 = 0.1;
+use super::findings::Findings;
+use super::kind::Kind;
+
 /// From one true pose to the next.
 const PERIOD: Duration = Duration::from_millis(10);
 /// Most poses that are forged in a period.
@@ -37,22 +38,14 @@ enum Trick {
     Creeps,
 }
 
-/// Result of an attack on the poses.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Account {
-    pub(super) forged: u64,
-    /// Farthest trusted pose from the robot, m.
-    pub(super) farthest_m: f64,
-}
-
 /// Forges so many poses.
-pub(super) fn run(seed: u64, poses: u64) -> Account {
+pub(super) fn run(seed: u64, poses: u64) -> Findings {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut stream = Continuity::default();
-    let mut account = Account { forged: 0, farthest_m: 0.0 };
+    let (mut forged, mut farthest_m) = (0, 0.0_f64);
     let (mut trick, mut ends, mut now) = (Trick::Waits, Instant::START, Instant::START);
     let (mut bearing, mut density) = (0.0_f64, 1);
-    while account.forged < poses {
+    while forged < poses {
         if now >= ends {
             trick = match random.random_range(0..3) {
                 0 => Trick::Waits,
@@ -68,13 +61,13 @@ pub(super) fn run(seed: u64, poses: u64) -> Account {
         let mut take = |at: Instant, pose: PlanarPose| {
             if stream.take(at, &Pose::planar(pose, HEIGHT)) {
                 let distance = (pose.x - truth.x).hypot(pose.y - truth.y);
-                account.farthest_m = account.farthest_m.max(distance);
+                farthest_m = farthest_m.max(distance);
             }
         };
         take(now, truth);
-        let forged = if matches!(trick, Trick::Waits) { 0 } else { density };
+        let more = if matches!(trick, Trick::Waits) { 0 } else { density };
         let interval = PERIOD / (density + 1);
-        for number in 1..=forged {
+        for number in 1..=more {
             let step = match trick {
                 Trick::Waits => 0.0,
                 Trick::Jumps(distance) => {
@@ -89,10 +82,12 @@ pub(super) fn run(seed: u64, poses: u64) -> Account {
             (x, y) = (x + step * bearing.cos(), y + step * bearing.sin());
             take(now + interval * number, PlanarPose { x, y, ..truth });
         }
-        account.forged += u64::from(forged);
+        forged += u64::from(more);
         now = now + PERIOD;
     }
-    account
+    let mut findings = Findings { pose_m: Some(farthest_m), ..Findings::default() };
+    findings.count(Kind::ForgedPoses, forged);
+    findings
 }
 
 /// Returns where the robot is.
@@ -107,13 +102,14 @@ fn truth(now: Instant) -> PlanarPose {
 
 #[cfg(test)]
 mod tests {
+    use super::super::findings::POSE_LIMIT_M;
     use super::*;
 
     #[test]
     fn forged_poses_are_trusted_near_the_robot_alone_and_some_are() {
-        let account = run(3, 300_000);
-        assert!(account.farthest_m <= POSE_LIMIT_M, "{account:?}");
+        let farthest = run(3, 300_000).pose_m.unwrap();
+        assert!(farthest <= POSE_LIMIT_M, "{farthest}");
         // Else the forger did not try.
-        assert!(account.farthest_m > REACH, "{account:?}");
+        assert!(farthest > REACH, "{farthest}");
     }
 }

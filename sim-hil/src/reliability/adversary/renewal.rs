@@ -14,6 +14,7 @@ use flix_protocol::units::Instant;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::findings::Findings;
 use super::kind::Kind;
 use crate::rig::bench::bench_key;
 
@@ -27,16 +28,6 @@ const DONE: Duration = Duration::from_secs(2);
 const PLAYED: f64 = 0.2;
 const OPERATOR: ([u8; 4], u16) = ([192, 0, 2, 10], 40_000);
 
-/// What happened to one session.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Account {
-    pub(super) kind: Kind,
-    /// Renewals that were held back or played again.
-    pub(super) datagrams: u64,
-    /// Commands that did not count although they should, and datagrams that counted although they should not.
-    pub(super) failures: u64,
-}
-
 /// A robot's end and an operator's, and what the attacker recorded.
 struct Link {
     now: Instant,
@@ -47,11 +38,12 @@ struct Link {
     held: Vec<Vec<u8>>,
     to_robot: Vec<Vec<u8>>,
     to_operator: Vec<Vec<u8>>,
-    account: Account,
+    kind: Kind,
+    findings: Findings,
 }
 
 /// Lets a session live through this kind.
-pub(super) fn run(seed: u64, kind: Kind) -> Account {
+pub(super) fn run(seed: u64, kind: Kind) -> Findings {
     let mut link = Link::connected(seed, kind);
     for _ in 0..RENEWALS {
         let longest = SESSION_LIFE - SESSION_RENEWAL - 2 * DONE;
@@ -62,7 +54,7 @@ pub(super) fn run(seed: u64, kind: Kind) -> Account {
         let release = link.now + SESSION_RENEWAL + held_back;
         while link.now < release + DONE {
             let counts = link.step(kind == Kind::RenewalReplayed || link.now >= release);
-            link.account.failures += u64::from(!counts);
+            link.findings.failures += u64::from(!counts);
         }
     }
     let end = link.now + SESSION_LIFE;
@@ -70,11 +62,11 @@ pub(super) fn run(seed: u64, kind: Kind) -> Account {
         link.step(false);
     }
     // Nothing that was ever sent counts any more.
-    link.account.failures += u64::from(link.robot.peer(link.now).is_some());
+    link.findings.failures += u64::from(link.robot.peer(link.now).is_some());
     for datagram in core::mem::take(&mut link.to_robot) {
-        link.account.failures += u64::from(!link.is_dropped(&datagram));
+        link.findings.failures += u64::from(!link.is_dropped(&datagram));
     }
-    link.account
+    link.findings
 }
 
 impl Link {
@@ -95,7 +87,8 @@ impl Link {
             held: Vec::new(),
             to_robot: Vec::new(),
             to_operator: Vec::new(),
-            account: Account { kind, datagrams: 0, failures: 0 },
+            kind,
+            findings: Findings::default(),
         };
         while let Some(datagram) = link.operator.poll(now) {
             link.exchange(&datagram);
@@ -119,10 +112,11 @@ impl Link {
             for renewal in core::mem::take(&mut self.held) {
                 self.exchange(&renewal);
             }
-        } else if self.account.kind == Kind::RenewalHeldBack {
-            self.account.datagrams = self.account.datagrams.max(self.held.len() as u64);
+        } else if self.kind == Kind::RenewalHeldBack {
+            let held = self.findings.sent.entry(self.kind).or_default();
+            *held = self.held.len().max(*held as usize) as u64;
         }
-        let plays = lets_through && self.account.kind == Kind::RenewalReplayed;
+        let plays = lets_through && self.kind == Kind::RenewalReplayed;
         if plays && self.random.random::<f64>() < PLAYED {
             self.play();
         }
@@ -138,12 +132,12 @@ impl Link {
         let renewals = self.to_robot.iter().filter(|datagram| is_renewal(datagram));
         let renewals: Vec<_> = renewals.cloned().collect();
         if let Some(renewal) = renewals.get(self.random.random_range(0..renewals.len().max(1))) {
-            self.account.datagrams += 1;
-            self.account.failures += u64::from(!self.is_dropped(renewal));
+            self.findings.count(self.kind, 1);
+            self.findings.failures += u64::from(!self.is_dropped(renewal));
         }
         let place = self.random.random_range(0..self.to_operator.len().max(1));
         if let Some(answer) = self.to_operator.get(place) {
-            self.account.datagrams += 1;
+            self.findings.count(self.kind, 1);
             self.operator.receive(self.now, answer);
         }
     }

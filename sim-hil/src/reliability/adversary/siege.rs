@@ -1,5 +1,5 @@
 //! What is attacked beside a session that stands: the operator's end, stops, the cable, the cockpit's server, and the moment in
-//! which a silent network speaks again. Each of [`SIEGES`] runs by itself, and counts its failures.
+//! which a silent network speaks again. Each of [`SIEGES`](super::kind::SIEGES) runs by itself, and counts its failures.
 
 use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
@@ -21,10 +21,10 @@ use flix_protocol::session::{
 use flix_protocol::units::Instant;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rayon::prelude::*;
 
+use super::findings::Findings;
 use super::forgery::{NETWORK, TICKS_PER_MS};
-use super::kind::{Kind, SIEGES};
+use super::kind::Kind;
 use crate::reliability::fault_matrix::REST_HZ;
 use crate::rig::bench::{Base, BenchError, bench_key, bench_knowing, setpoint};
 use crate::rig::simulated::Flash;
@@ -53,30 +53,13 @@ const FORGED_PER_MS: u32 = 4;
 /// Time that an operator may take to connect meanwhile.
 const CONNECTED_WITHIN: Duration = Duration::from_secs(1);
 
-/// Result of one kind of siege.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Account {
-    pub(super) kind: Kind,
-    /// Datagrams, frames or sockets of the attacker.
-    pub(super) sent: u64,
-    /// Stops that counted twice, keys that were overheard, pages that were turned out, rotors that turned unasked, forgeries
-    /// that an operator believed, operators that were kept out.
-    pub(super) failures: u64,
-}
-
-/// Runs all.
+/// Runs this kind.
 ///
 /// # Errors
 /// When a robot cannot be armed even without an attack.
-pub(super) fn run_all(seed: u64, flash: &Option<Vec<u8>>) -> Result<Vec<Account>, BenchError> {
-    SIEGES.into_par_iter().map(|kind| run(seed, kind, flash)).collect()
-}
-
-/// Runs this kind.
-fn run(seed: u64, kind: Kind, flash: &Option<Vec<u8>>) -> Result<Account, BenchError> {
+pub(super) fn run(seed: u64, kind: Kind, flash: &Option<Vec<u8>>) -> Result<Findings, BenchError> {
     let random = Xoshiro256PlusPlus::seed_from_u64(seed ^ (kind as u64) << 40);
-    let account = Account { kind, sent: 0, failures: 0 };
-    let mut siege = Siege { random, account, earlier: Vec::new() };
+    let mut siege = Siege { random, kind, findings: Findings::default(), earlier: Vec::new() };
     siege.earlier = siege.overhear();
     let rounds = if kind == Kind::SilencedThenHeard { LIVES } else { ROUNDS };
     for _ in 0..rounds {
@@ -89,12 +72,13 @@ fn run(seed: u64, kind: Kind, flash: &Option<Vec<u8>>) -> Result<Account, BenchE
             _ => siege.impostor(),
         }
     }
-    Ok(siege.account)
+    Ok(siege.findings)
 }
 
 struct Siege {
     random: Xoshiro256PlusPlus,
-    account: Account,
+    kind: Kind,
+    findings: Findings,
     /// What another session under the same key was answered.
     earlier: Vec<Vec<u8>>,
 }
@@ -107,7 +91,7 @@ impl Siege {
     }
 
     fn fails(&mut self, is_failure: bool) {
-        self.account.failures += u64::from(is_failure);
+        self.findings.failures += u64::from(is_failure);
     }
 
     /// Many stops by holders of the key within the life of a cookie, and every one of them again, over and over.
@@ -140,7 +124,7 @@ impl Siege {
         }
         for _ in 0..3 {
             for datagram in &recorded {
-                self.account.sent += 1;
+                self.findings.count(self.kind, 1);
                 let received = robot.receive(now, from, datagram);
                 self.fails(matches!(received, RobotReceived::Stop(..)));
             }
@@ -167,7 +151,7 @@ impl Siege {
         // What `flix provision` says to a robot that proves its key.
         let keep = Request::Keep(lab, name, key.id());
         for request in [Request::Identify, Request::Operators, Request::Network, keep] {
-            self.account.sent += 1;
+            self.findings.count(self.kind, 1);
             self.pass_on(&mut robot, &request, &mut heard);
         }
         let secret = key.as_bytes();
@@ -204,7 +188,7 @@ impl Siege {
             for _ in 0..rate / 1_000 + u64::from(self.random.random_range(0..1_000) < rate % 1_000)
             {
                 let elsewhere = Ipv4Addr::new(10, 0, 0, self.random.random_range(1..4));
-                self.account.sent += 1;
+                self.findings.count(self.kind, 1);
                 let from = if is_beside { here } else { elsewhere.into() };
                 let Some((number, turned_out)) = visitors.admit(from) else { continue };
                 waiting.push((number, now));
@@ -250,7 +234,7 @@ impl Siege {
             for _ in 0..TICKS_PER_MS {
                 operation.tick()?;
             }
-            self.account.sent += u64::from(released);
+            self.findings.count(self.kind, u64::from(released));
             has_rested |= operation.robot.report().state == State::Armed;
             let turns = !operation.robot.truth().is_slower_than(REST_HZ);
             self.fails(has_rested && turns);
@@ -310,7 +294,7 @@ impl Siege {
     ) {
         for _ in 0..FORGED_PER_MS {
             let Some(datagram) = self.forgery(asked, genuine) else { return };
-            self.account.sent += 1;
+            self.findings.count(self.kind, 1);
             let received = operator.receive(now, &datagram);
             let is_believed =
                 matches!(received, OperatorReceived::Message(_) | OperatorReceived::Connected);
@@ -324,7 +308,7 @@ impl Siege {
             siege.random.fill_bytes(datagram.get_mut(HEAD..)?);
             Some(datagram)
         };
-        match self.account.kind {
+        match self.kind {
             Kind::ForgedRefusal => {
                 // What a robot with another key says, or without any.
                 let key = self.random.random::<bool>().then_some(Key::new([0x66; 32]));
