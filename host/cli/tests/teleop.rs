@@ -435,6 +435,16 @@ const KEYBOARDS: &[Keyboard] = &[
     ("xterm's other keys, behind tmux", [b"\x1b[27;2;32~", b"\x7f", b"s"], Some(b"w")),
     ("kitty", [b"\x1b[32u", b"\x1b[127u", b"\x1b[115u"], Some(b"\x1b[119u")),
     ("kitty, keypad", [b"\x1b[32;129u", b"\x1b[57426u", b"\x1b[57399u"], Some(b"\x1b[57400u")),
+    (
+        "kitty, num lock",
+        [b"\x1b[32;129u", b"\x1b[127;129u", b"\x1b[115;129u"],
+        Some(b"\x1b[119;129u"),
+    ),
+    (
+        "ghostty, caps lock and num lock",
+        [b"\x1b[32;193u", b"\x1b[3;193~", b"\x1b[115;193u"],
+        Some(b"\x1b[119;193u"),
+    ),
     ("kitty, Russian", [b"\x1b[32u", b"\x1b[127u", b"\x1b[1099::115u"], Some(b"\x1b[1094::119u")),
     ("kitty, Japanese input", [b"\x1b[12288u", b"\x1b[127u", b"\x1b[65363u"], Some(b"\x1b[65367u")),
     (

@@ -91,7 +91,7 @@ impl Multiplexer {
     }
 }
 
-/// What the names of programs begin with that have a terminal of their own inside, whose parts a session outlives.
+/// Beginnings of the names of programs that emulate a terminal, and keep its session while nobody looks.
 const SILENT: [&str; 9] =
     ["mosh-server", "tmux", "screen", "zellij", "dvtm", "wezterm-mux", "emacs", "nvim", "vim"];
 /// Most multiplexers inside of each other that are asked.

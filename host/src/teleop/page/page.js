@@ -225,6 +225,12 @@ addEventListener("keydown", (event) => {
   act(request, event);
   if (request.walk) hold(event.code);
 });
+// The keyboard of a telephone names no key: a field gets its text alone.
+addEventListener("beforeinput", (event) => {
+  if (event.inputType === "insertFromPaste" || ![...(event.data ?? "")].some((letter) => BLANK.test(letter))) return;
+  event.preventDefault();
+  act("stop");
+});
 // The space bar stops, and presses no button besides.
 addEventListener("keyup", (event) => { if (event.code === "Space") event.preventDefault(); });
 
@@ -394,9 +400,9 @@ const DEAD_ZONE = 0.25, DEFLECTED = 0.6, KEPT = 0.4, LEAD = 0.1, UNTOUCHED_MS = 
 const orNone = (read) => { try { return read(); } catch { return []; } };
 const seen = ({ index, id, mapping, axes, buttons }) => ({ index, id, mapping, axes: [...axes].map((axis) => axis || 0), buttons: [...buttons].map(({ pressed }) => ({ pressed })) });
 const gamepads = () => orNone(() => [...(navigator.getGamepads?.() ?? [])]).flatMap((one) => orNone(() => (one?.connected ? [seen(one)] : []))).filter((one) => isKnown(one) || one.axes.length > 1);
-// Where the layout is not known, nobody knows which button stops: every one does. A keyboard or a tablet that is listed has no
-// stick, and is none.
-const isKnown = (gamepad) => gamepad.mapping === "standard";
+// Where the layout is not known, nobody knows which button stops: every one does. Firefox states the standard layout of some gamepads
+// that have more axes, and other buttons. A keyboard or a tablet that is listed has no stick, and is none.
+const isKnown = (gamepad) => gamepad.mapping === "standard" && gamepad.axes.length <= 4;
 function newlyPressed(gamepad, hand) {
   const down = gamepad.buttons.flatMap((button, index) => (button.pressed ? [index] : []));
   // Many a browser shows a gamepad only once a button is pressed.

@@ -136,6 +136,11 @@ impl Browser {
         self.ask("url", &json!({ "url": url })).map(drop)
     }
 
+    /// Goes back to the page before.
+    pub fn back(&self) -> Outcome<()> {
+        self.ask("back", &json!({})).map(drop)
+    }
+
     /// Returns the value of a script.
     pub fn run(&self, script: &str) -> Outcome<Value> {
         self.ask("execute/sync", &json!({ "script": script, "args": [] }))

@@ -207,6 +207,7 @@ const DESKS: &[(Engine, &[&str], &[Test])] = &[
             ("keys_drive_and_the_space_bar_stops", Desk::keys),
             ("a_finger_drives_and_stops", Desk::finger),
             ("of_two_pages_one_drives_and_both_stop", Desk::two_pages),
+            ("a_page_that_comes_back_or_is_not_drawn_leaves_the_robot_at_rest", Desk::comes_back),
         ],
     ),
     (
@@ -537,7 +538,10 @@ impl Desk {
         self.arm()?;
         self.walk(|desk| desk.browser.press('w'))?;
         let differ = "const form = (it) => { const { backgroundColor, borderTopStyle, boxShadow } = getComputedStyle(it); return [backgroundColor, borderTopStyle, boxShadow]; };
-                      const [a, b] = ['true', 'false'].map((is) => form(document.querySelector(`[aria-pressed=${is}]`)));
+                      const buttons = ['true', 'false'].map((is) => document.querySelector(`[aria-pressed=${is}]`));
+                      // On a busy machine the robot rests, or its state is not drawn yet.
+                      if (buttons.includes(null)) return false;
+                      const [a, b] = buttons.map(form);
                       const stop = getComputedStyle(document.getElementById('stop')).backgroundColor;
                       return a.filter((it, index) => it !== b[index]).length > 1 && stop === 'rgb(198, 32, 32)'";
         for forced in ["none", "active"] {
@@ -558,6 +562,37 @@ impl Desk {
         }
         self.browser.press('s')?;
         self.until_resting()
+    }
+
+    /// Leaves the page and comes back to it, which Chromium keeps without its connection; lets a page be seen and not drawn, as a telephone
+    /// does that has woken up; and writes a blank as its keyboard does, which names no key.
+    fn comes_back(&mut self) -> Outcome<()> {
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        let left = self.seen()?.now;
+        self.browser.go("about:blank")?;
+        self.rests_since(left)?;
+        self.browser.back()?;
+        self.until("connected", |desk| Ok(desk.state()? == "disarmed"))?;
+        self.stays_at_rest()?;
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        let left = self.seen()?.now;
+        self.browser.run("window.requestAnimationFrame = () => 0")?;
+        self.rests_since(left)?;
+        self.browser.press(' ')?;
+        Page::open(&self.program.url)?.until("rest", "stopped")?;
+        self.arm()?;
+        self.walk(|desk| desk.browser.press('w'))?;
+        let field = "document.getElementById('settings').open = true;
+                     const field = document.getElementById('settings-find');
+                     // A field that is reached lets the robot rest.
+                     Object.defineProperty(field, 'matches', { value: () => false }); field.focus()";
+        self.browser.run(field)?;
+        self.browser.devtools("Input.insertText", &json!({ "text": " " }))?;
+        self.until_text("state", "stopped")?;
+        let found = self.browser.run("return document.getElementById('settings-find').value")?;
+        if found == "" { Ok(()) } else { Err(format!("`{found}` is written").into()) }
     }
 
     /// Counts pictures while the robot rests and while it walks, and looks whether the screen may go off.
@@ -721,9 +756,11 @@ impl Desk {
             self.walk(|desk| click(desk, "[data-mode='left turn']"))?;
             let left = self.seen()?.now;
             if stops_by_key {
-                self.browser.press(' ')?
+                // Firefox clicks what has the focus once the space bar is released.
+                self.browser.run("document.querySelector('[data-mode=forward]').focus()")?;
+                self.browser.press(' ')?;
             } else {
-                click(self, "#stop")?
+                click(self, "#stop")?;
             }
             self.until_text("state", "stopped")?;
             self.rests_since(left)?;
@@ -992,7 +1029,10 @@ impl Desk {
             desk.until_text("gamepad", "neutral")?;
             desk.browser.run("window.stick = [1, 0]").map(drop)
         })?;
-        // Of one whose layout is not known every button stops.
+        // Of one whose layout is not known every button stops; the standard layout has four axes.
+        self.pads("[window.pad(0, 'standard', [0, -1, 0, 0, 0, 0, 0])]")?;
+        self.until_text("gamepad", "of a layout that is not known: its buttons stop")?;
+        self.until_resting()?;
         self.pads("[{ ...window.pad(0, '', [0, -1]), buttons: [{ pressed: window.isPressed }] }]")?;
         self.until_text("gamepad", "of a layout that is not known: its buttons stop")?;
         self.until_resting()?;
