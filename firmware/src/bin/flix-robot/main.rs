@@ -66,7 +66,7 @@ esp_bootloader_esp_idf::esp_app_desc!();
 /// The driver takes some 50 KiB connected; the rest is for bursts.
 const RECLAIMED_HEAP_BYTES: usize = 64 * 1024;
 /// See [`RECLAIMED_HEAP_BYTES`].
-const MORE_HEAP_BYTES: usize = 16 * 1024;
+const MORE_HEAP_BYTES: usize = 14 * 1024;
 /// From one line to the next of a chip that is refused: the watchdog waits for 600.
 const REFUSAL_MILLISECONDS: u64 = 300;
 /// Sockets: the network task's, and DHCP's.

@@ -51,7 +51,7 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(250);
 /// to fail to authenticate (esp-radio 1.0.0-beta.1, `set_max_tx_power`).
 const TRANSMIT_POWER: i8 = 60;
 
-/// Frames that the driver keeps at most, each way. Each takes 1.6 KB of its heap; by default it is 32, 51 KB of 80 KiB, of which a
+/// Frames that the driver keeps at most, each way. Each takes 1.6 KB of its heap; by default it is 32, 51 KB of 78 KiB, of which a
 /// connected driver takes some 50 KiB besides. No fewer than the receiver's own buffers, which are as many here, and those
 /// no fewer than the 6 frames that are acknowledged at once (esp-radio 1.0.0-beta.1, `ControllerConfig`).
 const BUFFERS: u8 = 8;
