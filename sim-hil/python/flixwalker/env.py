@@ -317,7 +317,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         """Draw the floor around path, home or robot from above, x to the right: the goal, and the robot with its front."""
         at, yaw = self.batch.position[robot, :2], self.batch.yaw[robot]
         middle, half = (np.zeros(2) if self.task == "home" else at), AROUND_M
-        goals = np.zeros((self.task == "home", 2))
+        around = np.linspace(0.0, 2.0 * np.pi, 128 if self.task == "home" else 0)
+        goals = HOME_M * np.stack([np.cos(around), np.sin(around)], axis=1)
         if self.task == "path":
             goals, low, high = self.places, self.path.min(axis=0), self.path.max(axis=0)
             middle, half = 0.5 * (low + high), 0.5 * (high - low).max() + MARGIN_M
