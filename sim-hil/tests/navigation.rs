@@ -347,7 +347,8 @@ fn a_robot_walks_by_ten_pictures_a_second_and_by_fewer_not_at_all() {
     for pictures in [10.0, 12.0, 16.0, 30.0, 55.0] {
         let (ending, changes, error) = walked_with(pictures);
         assert_eq!(ending, Ending::Finished, "{pictures} a second");
-        assert!(changes <= 0.2 && error < 0.04, "{pictures} a second: {changes}, {error}");
+        // A reversal counts as two.
+        assert!(changes <= 0.5 && error < 0.02, "{pictures} a second: {changes}, {error}");
     }
     for pictures in [4.0, 6.0, 9.0] {
         let (ending, changes, _) = walked_with(pictures);

@@ -68,7 +68,7 @@ fn lab(light: Light) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Difference of two colours by CIEDE2000 (Sharma, Wu and Dalal 2005, equations 2 to 22).
+/// Difference of two colours by CIEDE2000 (Sharma, Wu and Dalal 2005).
 fn ciede2000([l1, a1, b1]: [f64; 3], [l2, a2, b2]: [f64; 3]) -> f64 {
     let steep = |chroma: f64| (chroma.powi(7) / (chroma.powi(7) + 25_f64.powi(7))).sqrt();
     let stretch = 1.5 - 0.5 * steep(a1.hypot(b1).midpoint(a2.hypot(b2)));

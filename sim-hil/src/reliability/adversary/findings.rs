@@ -75,10 +75,10 @@ pub(super) struct Findings {
 }
 
 /// A figure: name, limit, and its value among findings.
-type Figure = (&'static str, Limit, fn(&Findings) -> Option<f64>);
+type Judged = (&'static str, Limit, fn(&Findings) -> Option<f64>);
 
 /// All figures.
-const FIGURES: [Figure; 15] = [
+const FIGURES: [Judged; 15] = [
     ("accepted_forgeries", Limit::Exactly(0.0), |it| Some(it.forgeries as f64)),
     ("movements", Limit::Exactly(0.0), |it| Some(it.movements as f64)),
     ("overruns", Limit::Exactly(0.0), |it| Some(it.overruns as f64)),
