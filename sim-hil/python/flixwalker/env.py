@@ -94,7 +94,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         it has walked, by a short cut, is not paid for.
     seconds, max_episode_steps
         Length of an episode, s and in actions: the shorter one counts, 60 s if none is given. `gymnasium.make` and `make_vec` give
-        240 actions; for a longer episode give them both.
+        240 actions; for a longer episode give them both. `make_vec` warns where an episode is shorter than `seconds`; `make` keeps
+        the number to itself.
     interval, step
         Time between two actions, and of the integration, s; the first is a whole number of the second.
     threads
@@ -184,8 +185,12 @@ class FlixWalkerVectorEnv(VectorEnv):
             if not 0.0 < seconds < np.inf:
                 raise ValueError(f"seconds is {seconds}: choose more than 0")
             self.limit = min(self.limit, max(1, round(seconds / interval)))
-            _remark_on_shorter(max_episode_steps, interval, seconds)
-        self.seconds = seconds
+            if max_episode_steps is not None and max_episode_steps * interval < seconds:
+                warnings.warn(
+                    f"an episode ends after {max_episode_steps} actions, {max_episode_steps * interval:g} s, and not after "
+                    f"{seconds:g} s: give max_episode_steps, too",
+                    stacklevel=2,
+                )
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, **_pace(render_mode, interval)}
         self.modes = np.array([[f, theta] for _, f, theta in paper_pairs()])
@@ -584,7 +589,6 @@ class FlixWalkerEnv(gymnasium.Env[np.ndarray, Any]):
         if isinstance(seed, bool):
             raise ValueError(f"seed is {seed}: give a whole number")
         seen, _ = self.many.reset(seed=None if seed is None else [seed])
-        _remark_on_shorter(self.spec and self.spec.max_episode_steps, self.many.interval, self.many.seconds)
         return seen[0], {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -708,16 +712,6 @@ def _distinct(path: np.ndarray) -> np.ndarray:
 def _mass(model: Model) -> float:
     loads = sum(load["mass_g"] for load in model.to_dict().get("load", []))
     return 1e-3 * (model["body.total_mass_g"] + loads)
-
-
-def _remark_on_shorter(actions: int | None, interval: float, seconds: float | None) -> None:
-    """Warn where an episode ends after fewer actions than the time that was asked for takes."""
-    if actions is not None and seconds is not None and actions * interval < seconds:
-        warnings.warn(
-            f"an episode ends after {actions} actions, {actions * interval:g} s, and not after {seconds:g} s: "
-            "give max_episode_steps, too",
-            stacklevel=3,
-        )
 
 
 def _pace(render_mode: str | None, interval: float) -> dict[str, Any]:
