@@ -52,8 +52,8 @@ const ARMED: &str = "robot: armed";
 const ARM: u8 = b'\r';
 const MODE_KEYS: [u8; PaperMode::ALL.len()] = *b"wadqe";
 const LEAVE: u8 = b'\x1b';
-/// From one press of a key to the next.
-const PRESS_AGAIN: Duration = Duration::from_millis(500);
+/// From one press of a key to the next: one that comes within 0.8 s of another counts as held since that one.
+const PRESS_AGAIN: Duration = Duration::from_secs(1);
 /// The least terminal that `flix teleop` draws on.
 const SCREEN: Winsize = Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
 
