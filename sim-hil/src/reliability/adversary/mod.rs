@@ -186,6 +186,14 @@ mod tests {
         parts.filter(|(_, number)| *number != "0").map(|(kind, _)| kind.to_owned()).collect()
     }
 
+    /// Returns how much was sent in the attacks of this name.
+    fn sent_by(table: &Table, attack: &str) -> u64 {
+        let [name, sent] = ["attack", "sent"].map(|column| table.index(column).unwrap());
+        let rows = table.rows.values().filter(|row| row[name].as_text() == Some(attack));
+        let parts = rows.filter_map(|row| row[sent].as_text()).flat_map(|text| text.split(", "));
+        parts.map(|part| part.split_once(' ').unwrap().1.parse::<u64>().unwrap()).sum()
+    }
+
     #[test]
     fn each_kind_of_attack_is_made_and_achieves_nothing() {
         let table =
@@ -200,6 +208,10 @@ mod tests {
             .map(|it| it.as_text().unwrap().to_owned())
             .collect();
         assert_eq!(kinds(&table), all);
+        assert_eq!(
+            ["forged datagrams", "any bytes"].map(|it| sent_by(&table, it)),
+            [60_000, 300_000]
+        );
         // The intruder did ask, and was answered where he may be.
         let answered = table.index("on_link_amplification").unwrap();
         let answered = table.rows.values().filter_map(|row| row[answered].number());
