@@ -265,8 +265,8 @@ impl State {
         waits
     }
 
-    /// Does what is due for the robot's address. Returns a frame for the network with its length, 0 for none, and whether the grant, or
-    /// its refusal, is for the stack now.
+    /// Probes, announces or defends the robot's address, as is due. Returns a frame for the network with its length, 0 for none, and
+    /// whether the stack is to take a grant or a refusal now.
     fn claim(&mut self, now: Moment) -> (Written, usize, bool) {
         let mut out = [0; LONGEST_MESSAGE];
         let mut ask = |own, asked| {
@@ -360,7 +360,7 @@ impl<D: Driver> Guarded<D> {
         Self { driver, guard, is_up: false }
     }
 
-    /// Does what is due for the robot's address. Returns whether a grant, or its refusal, is for the stack now.
+    /// Probes, announces or defends the robot's address, as is due. Returns whether the stack is to take a grant or a refusal now.
     fn claim(&mut self, cx: &mut Context<'_>) -> bool {
         let now = Moment::now();
         if let HardwareAddress::Ethernet(own) = self.driver.hardware_address() {

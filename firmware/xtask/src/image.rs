@@ -33,8 +33,7 @@ const ESP32C6: Memory = Memory {
     ceilings: Ceilings { flash: 1000 * 1024, memory: 256 * 1024 },
     ranges: core::slice::from_ref(&(0x4080_0000..0x4088_0000)),
 };
-/// Without optimization across packages, with arithmetic of floats in software; some room beyond what it takes, so that growth is
-/// seen. RAM: technical reference manual, "System and Memory":
+/// Ceilings of an image without optimization across packages and with floats in software, a little above its size, so that growth shows. RAM: technical reference manual, "System and Memory":
 /// of SRAM 2 and 1 what data uses, of SRAM 0 what is no cache.
 const ESP32: Memory = Memory {
     ceilings: Ceilings { flash: 1300 * 1024, memory: 288 * 1024 },

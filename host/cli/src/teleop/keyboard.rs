@@ -157,7 +157,7 @@ pub enum Report {
     Watched,
     /// Whether a program on the way answers in the terminal's place, and does not say whether anybody looks.
     Unsure(bool),
-    /// Text that nobody typed came to its end: pasted, or an answer of the terminal.
+    /// The end of pasted text, or of an answer of the terminal.
     Text,
     /// A byte that is no character: of a key, where the terminal has another encoding than UTF-8, or of text.
     Foreign,

@@ -1,6 +1,5 @@
-//! tmux, GNU screen and zellij keep a program running when nobody looks at its terminal any more: they say whether somebody does.
-//! mosh and editors keep it as well, answer in the terminal's place, and do not say so: these are known by the names of the
-//! processes above. dtach and abduco pass questions on to the terminal, and need no more than that its answers stay away.
+//! tmux, GNU screen and zellij keep a program running after its terminal is detached, and state whether one is attached. mosh and
+//! editors keep it running too, answer in the terminal's place, and state nothing: the names of the processes above tell them. dtach and abduco pass questions on to the terminal, and need no more than that its answers stay away.
 //!
 //! A terminal that is attached to tmux may itself be inside of another tmux, or of mosh. Where the system shows with what variables
 //! a process was started (Linux), that one is asked as well.
@@ -91,7 +90,7 @@ impl Multiplexer {
     }
 }
 
-/// Beginnings of the names of programs that emulate a terminal, and keep its session while nobody looks.
+/// Beginnings of the names of programs that emulate a terminal and keep its session while none is attached.
 const SILENT: [&str; 9] =
     ["mosh-server", "tmux", "screen", "zellij", "dvtm", "wezterm-mux", "emacs", "nvim", "vim"];
 /// Most multiplexers inside of each other that are asked.

@@ -60,7 +60,7 @@ pub const SERIES: [Color; 8] = {
         Indexed(139),
     ]
 };
-/// Of what is less important.
+/// Style of less important text.
 pub(crate) const FAINT: Style = Style::new().add_modifier(Modifier::DIM);
 const STRONG: Style = Style::new().add_modifier(Modifier::BOLD);
 
