@@ -366,7 +366,7 @@ impl Supervisor {
             State::Disarmed => {
                 match asked.wanted {
                     Wanted::Arm | Wanted::Try if !self.stopped => self.begin(now, asked),
-                    Wanted::Clear if self.stopped => self.clear(now, asked, conditions),
+                    Wanted::Clear => self.clear(now, asked, conditions),
                     _ => {}
                 }
                 // Alignment begins in the next tick, so that this one does no more than others.
@@ -376,7 +376,7 @@ impl Supervisor {
             State::Armed | State::Running => self.shake(asked, conditions),
             State::Stopping => self.stop(asked, conditions),
             State::Faulted => {
-                if asked.wanted == Wanted::Clear && (self.stopped || self.ticks >= BRAKE_TICKS) {
+                if asked.wanted == Wanted::Clear {
                     self.clear(now, asked, conditions);
                 }
                 match self.state {

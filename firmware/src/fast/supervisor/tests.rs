@@ -662,6 +662,37 @@ fn a_fault_is_cleared_when_its_cause_is_gone_and_the_rotors_had_time_to_stop() {
 }
 
 #[test]
+fn a_clear_before_the_rotors_had_time_to_stop_forgets_a_stop_and_keeps_the_fault() {
+    let mut desk = Desk::running().faulted(Fault::Stall);
+    stop(&mut desk, false);
+    let kept = desk.present;
+    desk.present = Faults::NONE;
+    ask(&mut desk, Wanted::Clear);
+    let Supervisor { stopped, faults, .. } = desk.supervisor;
+    assert_eq!((desk.state(), stopped, faults), (State::Faulted, false, kept));
+}
+
+#[test]
+fn a_clear_is_reported_where_a_stop_or_a_fault_was_forgotten_and_nowhere_else() {
+    let mut desk = Desk::running().faulted(Fault::Stall);
+    for _ in 0..BRAKE_TICKS {
+        desk.tick();
+    }
+    let mut reported = |present| {
+        desk.present = present;
+        ask(&mut desk, Wanted::Clear);
+        desk.supervisor.events.cleared
+    };
+    assert_eq!(
+        [Faults::NONE.with(Fault::Stall), Faults::NONE, Faults::NONE].map(&mut reported),
+        [0, 1, 1]
+    );
+    stop(&mut desk, false);
+    ask(&mut desk, Wanted::Clear);
+    assert_eq!(desk.supervisor.events.cleared, 2);
+}
+
+#[test]
 fn faults_of_a_disarmed_robot_wait_until_it_is_armed() {
     let mut desk = Desk::disarmed().faulted(Fault::UnderVoltage);
     desk.tick();
