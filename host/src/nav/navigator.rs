@@ -591,25 +591,32 @@ impl Navigator {
         self.estimator.command(now, mode);
     }
 
-    fn choose(&self, now: Instant) -> usize {
-        match goal_of(&self.task, &self.progress) {
-            Goal::Reach { point } if self.should_rest_at(now, point) => REST,
-            goal => match &self.controller {
-                Controller::Predictive => {
-                    let mut prospects = self.prospects();
-                    prospects.trim = self.trim;
-                    self.look_ahead(now, goal, prospects)
-                }
-                Controller::TwoState(controller) => self.turn_towards(controller, goal),
-                Controller::Learned { outlook } => {
-                    let mut prospects = self.prospects();
-                    prospects.weights = Weights::learned(self.held_for(now).as_secs_f64());
-                    prospects.pace = self.estimator.pace();
-                    prospects.outlook = Some(outlook);
-                    self.look_ahead(now, goal, prospects)
-                }
-            },
+    fn choose(&mut self, now: Instant) -> usize {
+        let goal = goal_of(&self.task, &self.progress);
+        if let Goal::Reach { point } = goal
+            && self.should_rest_at(now, point)
+        {
+            return REST;
         }
+        if let Controller::TwoState(controller) = &mut self.controller {
+            let pose = self.estimator.pose().unwrap_or(self.measured);
+            let target = match goal {
+                Goal::Follow { path, arc_length } => path.ahead(arc_length, LOOK_AHEAD).position(),
+                Goal::Reach { point } => point,
+            };
+            return controller.choose(&pose, target, self.mode);
+        }
+        let (motions, response) = (self.estimator.motions(), self.estimator.response());
+        let mut prospects = Prospects::new(motions, response);
+        if let Controller::Learned { outlook } = &self.controller {
+            prospects.weights = Weights::learned(self.held_for(now).as_secs_f64());
+            prospects.pace = self.estimator.pace();
+            prospects.outlook = Some(outlook);
+        } else {
+            prospects.trim = self.trim;
+        }
+        let (pose, gait) = self.ahead(now);
+        prospects.best_mode(pose, gait, goal)
     }
 
     /// Notes when the robot came to this place of its path; a robot at rest is not held.
@@ -662,24 +669,6 @@ impl Navigator {
             gait.advance(&mut pose, STEP, motions, response);
         }
         pose
-    }
-
-    fn turn_towards(&self, controller: &TwoState, goal: Goal<'_>) -> usize {
-        let pose = self.estimator.pose().unwrap_or(self.measured);
-        let target = match goal {
-            Goal::Follow { path, arc_length } => path.ahead(arc_length, LOOK_AHEAD).position(),
-            Goal::Reach { point } => point,
-        };
-        controller.choose(&pose, target, self.mode)
-    }
-
-    fn prospects(&self) -> Prospects<'_> {
-        Prospects::new(self.estimator.motions(), self.estimator.response())
-    }
-
-    fn look_ahead(&self, now: Instant, goal: Goal<'_>, prospects: Prospects<'_>) -> usize {
-        let (pose, gait) = self.ahead(now);
-        prospects.best_mode(pose, gait, goal)
     }
 
     /// Returns pose and gait for the moment when a command sent now arrives.
