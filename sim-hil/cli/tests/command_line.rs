@@ -31,6 +31,9 @@ fn table_3_is_told_as_json_with_a_count_of_signs_and_hits_for_each_of_nine_modes
     for row in rows {
         let count = |key: &str| row[key].as_u64().unwrap();
         assert!(count("seeds") == 2 && count("hits") <= count("signs") && count("signs") <= 2);
+        assert!(row["strict"].is_boolean(), "{row}");
+        let turns = row["mode"].as_str().is_some_and(|name| !name.starts_with(['f', 's']));
+        assert!(row["keeps_heading"].is_null() == turns, "{row}");
         for key in ["f_hz", "theta_deg", "forward_m_s", "lateral_m_s", "yaw_rad_s"] {
             assert!(row[key].is_f64(), "{key} of {row}");
         }

@@ -5,6 +5,12 @@
 //! - has the right **sign** when the named component has it,
 //! - is a **hit** when that component is also the largest of the three and exceeds [`LEAST_SPEED`].
 //!
+//! Section III-A asks for more: "minimal lateral or rotational movement" of a translation. A hit lets a robot translate along a
+//! circle of 0.1 m. By the means of all walks, a mode
+//! - is a **strict** hit when each other component is at most half of the named one ([`MINIMAL`]); of a turn, whose forward
+//!   speed section III-C calls favorable, the lateral one alone;
+//! - keeps its **heading**, where it is a strict translation, when it turns by 45 degrees in 8 s at most ([`KEPT_YAW`]).
+//!
 //! Table III lists Left Turn II and Right Strafing under the same pair; Right Strafing is taken from
 //! Table IV.
 
@@ -19,6 +25,10 @@ use super::sweep::Cell;
 pub const LEVER: f64 = 0.1;
 /// A mode slower than this is none, m/s.
 pub const LEAST_SPEED: f64 = 0.01;
+/// Largest share of the own component that a minimal one may have.
+pub const MINIMAL: f64 = 0.5;
+/// Largest mean yaw rate of a heading that is kept, rad/s: 45 degrees in 8 s.
+pub const KEPT_YAW: f64 = std::f64::consts::FRAC_PI_4 / 8.0;
 
 /// One of the three ways to move in a plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,6 +54,19 @@ impl Component {
             Self::Lateral => motion.lateral,
             Self::Yaw => LEVER * motion.yaw,
         }
+    }
+
+    /// Returns the largest of what should be minimal beside this component, m/s: both others, of a turn the lateral one.
+    #[must_use]
+    pub fn beside(self, motion: Twist) -> f64 {
+        let minimal = |other: &Self| *other != self && (self, *other) != (Self::Yaw, Self::Forward);
+        Self::ALL.into_iter().filter(minimal).map(|it| it.of(motion).abs()).fold(0.0, f64::max)
+    }
+
+    /// Returns whether what should be minimal beside this component is.
+    #[must_use]
+    pub fn is_alone(self, motion: Twist) -> bool {
+        self.beside(motion) <= MINIMAL * self.of(motion).abs()
     }
 
     /// Returns what moving along it is called.
@@ -164,8 +187,22 @@ impl PaperMode {
     #[must_use]
     pub fn margin(&self, motion: Twist) -> f64 {
         let (own, rival) = self.contest(motion);
-        (own - rival) / (own.abs() + rival)
+        lead(own, rival)
     }
+
+    /// Returns by how much a walk is strict, of a translation also by how much it keeps its heading: each -1 to 1.
+    pub fn strict_margins(&self, motion: Twist) -> impl Iterator<Item = f64> {
+        let own = MINIMAL * self.component.of(motion).abs();
+        let heading = lead(KEPT_YAW, motion.yaw.abs());
+        let translates = self.component != Component::Yaw;
+        [lead(own, self.component.beside(motion))].into_iter().chain(translates.then_some(heading))
+    }
+}
+
+/// Returns by how much a speed exceeds one that is not negative, as a share of both: -1 to 1.
+#[must_use]
+pub fn lead(own: f64, rival: f64) -> f64 {
+    (own - rival) / (own.abs() + rival).max(f64::MIN_POSITIVE)
 }
 
 /// What a robot does where the paper's mode should be.
@@ -183,6 +220,10 @@ pub struct ModeRow {
     pub signs: usize,
     /// Those that are hits.
     pub hits: usize,
+    /// Whether the mean is a strict hit.
+    pub strict: bool,
+    /// Whether the mean of a translation is a strict hit and keeps its heading; none of turns.
+    pub keeps_heading: Option<bool>,
     /// Mean over the walks, m/s.
     pub forward_m_s: f64,
     /// Mean over the walks, left positive, m/s.
@@ -199,6 +240,7 @@ pub fn score_modes(modes: &[PaperMode], cells: &[Cell]) -> Vec<ModeRow> {
             cells.iter().find(|cell| (cell.f_hz, cell.theta_deg) == (mode.f_hz, mode.theta_deg))?;
         let scores: Vec<Score> = cell.walks.iter().map(|walk| mode.score(*walk)).collect();
         let mean = cell.mean();
+        let strict = mode.score(mean).hit && mode.component.is_alone(mean);
         Some(ModeRow {
             mode: mode.name.clone(),
             f_hz: mode.f_hz,
@@ -206,6 +248,9 @@ pub fn score_modes(modes: &[PaperMode], cells: &[Cell]) -> Vec<ModeRow> {
             seeds: scores.len(),
             signs: scores.iter().filter(|score| score.sign).count(),
             hits: scores.iter().filter(|score| score.hit).count(),
+            strict,
+            keeps_heading: (mode.component != Component::Yaw)
+                .then_some(strict && mean.yaw.abs() <= KEPT_YAW),
             forward_m_s: mean.forward,
             lateral_m_s: mean.lateral,
             yaw_rad_s: mean.yaw,
@@ -219,6 +264,11 @@ mod tests {
     use super::*;
     use flix_sim::experiment::walk::ideal_motion;
     use flix_sim::model::RobotModel;
+
+    fn walked(mode: &PaperMode, walks: Vec<Twist>) -> Cell {
+        let (f_hz, theta_deg) = (mode.f_hz, mode.theta_deg);
+        Cell { variant: String::new(), f_hz, theta_deg, walks }
+    }
 
     fn turn_left() -> PaperMode {
         paper_modes().remove(2)
@@ -236,6 +286,32 @@ mod tests {
         let motion = Twist { forward: 0.03, lateral: 0.0, yaw: 0.2 };
         assert_eq!(turn_left().score(motion), Score { sign: true, hit: false });
         assert!(turn_left().margin(motion) < 0.0);
+    }
+
+    #[test]
+    fn a_translation_along_a_circle_is_a_hit_and_neither_strict_nor_of_a_kept_heading() {
+        let forward = paper_modes().remove(0);
+        let judged = |lateral, yaw| {
+            let walks = vec![Twist { forward: 0.06, lateral, yaw }; 2];
+            let cells = [walked(&forward, walks)];
+            let row = score_modes(std::slice::from_ref(&forward), &cells).remove(0);
+            (row.hits, row.strict, row.keeps_heading)
+        };
+        assert_eq!(judged(0.0, 0.35), (2, false, Some(false)));
+        assert_eq!(judged(0.0, 0.2), (2, true, Some(false)));
+        assert_eq!(judged(0.02, 0.09), (2, true, Some(true)));
+        assert_eq!(judged(0.04, 0.0), (2, false, Some(false)));
+    }
+
+    #[test]
+    fn a_turn_that_advances_is_strict_and_has_no_heading_to_keep() {
+        assert!(Component::Yaw.is_alone(Twist { forward: 0.06, lateral: 0.02, yaw: 0.7 }));
+        assert!(!Component::Yaw.is_alone(Twist { forward: 0.0, lateral: 0.04, yaw: 0.7 }));
+        let mode = turn_left();
+        let walks = vec![Twist { forward: 0.06, lateral: 0.02, yaw: 0.7 }];
+        let cells = [walked(&mode, walks)];
+        let row = score_modes(&[mode], &cells).remove(0);
+        assert_eq!((row.strict, row.keeps_heading), (true, None));
     }
 
     #[test]

@@ -10,7 +10,7 @@
 //! - Pairs "with a heading speed below 0.05 m/s" are left out, of which turning and strafing want little. Both
 //!   readings stand side by side: the speed of the motion's [own component](Exclusion::Own), yaw rates times
 //!   [`LEVER`](super::modes::LEVER), and the [heading speed](Exclusion::Heading) by the word.
-//! - "Minimal lateral and turning speeds" is read as at most half of the own component ([`MINIMAL`]); of a turn, whose
+//! - "Minimal lateral and turning speeds" is read as at most half of the own component ([`MINIMAL`](super::modes::MINIMAL)); of a turn, whose
 //!   forward speed is called favourable, the lateral speed alone. Pairs that do not keep to it come after those that do.
 //! - +90 and -90 degrees are the same excitation half a period apart: where both were walked, -90 is left out.
 
@@ -23,8 +23,6 @@ use flix_sim::rig::bench::setpoint;
 
 /// The paper's least speed of a pair that is worth choosing, m/s.
 pub const LEAST_SPEED: f64 = 0.05;
-/// Largest share of the own component that a minimal one may have.
-pub const MINIMAL: f64 = 0.5;
 
 /// The pairs that are too slow to be chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -158,7 +156,7 @@ pub fn candidates(
                 Exclusion::Own => speed.abs() >= least,
                 Exclusion::Heading => mean.forward >= least,
             };
-            let minimal = others(component).all(|it| it.of(mean).abs() <= MINIMAL * speed.abs());
+            let minimal = component.is_alone(mean);
             let candidate = Candidate { cell: cell.clone(), component, robustness, fast, minimal };
             if let Some((_, found)) = kinds.iter_mut().find(|(kind, _)| *kind == word) {
                 found.push(candidate);
@@ -174,13 +172,6 @@ pub fn candidates(
     }
     kinds.retain(|(_, found)| !found.is_empty());
     kinds
-}
-
-/// The components that should be minimal beside this one.
-fn others(component: Component) -> impl Iterator<Item = Component> {
-    Component::ALL.into_iter().filter(move |other| {
-        *other != component && (component, *other) != (Component::Yaw, Component::Forward)
-    })
 }
 
 /// Returns the pairs of a kind that are worth a choice: the fast ones, or all where nothing is fast.

@@ -17,7 +17,7 @@ use flix_sim::experiment::walk::WalkDrive;
 use flix_sim::model::RobotModel;
 use flix_sim::study::Shard;
 use flix_study::calibrate::{
-    self, CalibrationError, Fit, Generation, Goal, Progress, Settings, Start, Trial, Unknown,
+    self, Also, CalibrationError, Fit, Generation, Goal, Progress, Settings, Start, Trial, Unknown,
     WIDEST, unknowns, values, write_model,
 };
 use flix_study::cmaes::usual_population;
@@ -53,6 +53,9 @@ pub struct Args {
     /// Ask both turns of table IV to advance at 0.05 m/s or more, too
     #[arg(long, conflicts_with = "measured")]
     advance: bool,
+    /// Ask each mode for a strict hit, and each translation to keep its heading, too
+    #[arg(long, conflicts_with = "measured")]
+    strict: bool,
     /// Rows to leave out of the fit and to report, counted from 1
     #[arg(long, value_name = "ROWS", value_delimiter = ',')]
     hold_out: Vec<usize>,
@@ -151,7 +154,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
         .into_iter()
         .filter_map(|(goal, cell)| match goal {
             Goal::Measured(row) => Some((row, cell)),
-            Goal::Mode(_) | Goal::Advancing(_) => None,
+            Goal::Mode(..) => None,
         })
         .collect();
     if !measured.is_empty() {
@@ -188,7 +191,8 @@ fn goals(args: &Args) -> Result<Vec<Goal>, Error> {
     };
     let steers = |mode: &PaperMode| mode.component == Component::Yaw && mode.theta_deg == 90.0;
     let goal = |mode: PaperMode| {
-        if args.advance && steers(&mode) { Goal::Advancing(mode) } else { Goal::Mode(mode) }
+        let also = Also { advances: args.advance && steers(&mode), strict: args.strict };
+        Goal::Mode(mode, also)
     };
     Ok(modes.into_iter().map(goal).collect())
 }
@@ -328,7 +332,7 @@ fn verdict(what: &str, walked: &[(Goal, Cell)], seeds: u64) -> String {
     let modes: Vec<PaperMode> = walked
         .iter()
         .filter_map(|(goal, _)| match goal {
-            Goal::Mode(mode) | Goal::Advancing(mode) => Some(mode.clone()),
+            Goal::Mode(mode, _) => Some(mode.clone()),
             Goal::Measured(_) => None,
         })
         .collect();
@@ -343,8 +347,10 @@ fn verdict(what: &str, walked: &[(Goal, Cell)], seeds: u64) -> String {
     };
     let each: Vec<String> =
         rows.iter().map(|row| format!("{} {}/{}", row.mode, row.hits, row.seeds)).collect();
+    let strict = rows.iter().filter(|row| row.strict).count();
+    let kept = rows.iter().filter(|row| row.keeps_heading == Some(true)).count();
     format!(
-        "{what}: of {} modes {:.2} signs, {:.2} hits ({})\n",
+        "{what}: of {} modes {:.2} signs, {:.2} hits ({}), {strict} strict by their means, {kept} with a kept heading\n",
         rows.len(),
         mean(|row| row.signs),
         mean(|row| row.hits),

@@ -52,6 +52,10 @@ struct Report {
     mean_signs: f64,
     /// Modes that are hits, on average over the seeds.
     mean_hits: f64,
+    /// Modes whose mean is a strict hit.
+    strict_hits: usize,
+    /// Translations among them that keep their heading.
+    headings_kept: usize,
 }
 
 /// What a pair does.
@@ -125,6 +129,8 @@ fn report(sweep: &Sweep, cells: &[Cell], front: Vec<Gait>) -> Report {
         scatter: sweep.scatter,
         mean_signs: mean(|row| row.signs),
         mean_hits: mean(|row| row.hits),
+        strict_hits: rows.iter().filter(|row| row.strict).count(),
+        headings_kept: rows.iter().filter(|row| row.keeps_heading == Some(true)).count(),
         rows,
         pairs: cells.iter().map(PairRow::of).collect(),
         front,
@@ -133,16 +139,20 @@ fn report(sweep: &Sweep, cells: &[Cell], front: Vec<Gait>) -> Report {
 
 fn text(report: &Report) -> String {
     let mut rows = vec![headings(
-        "mode|f (Hz)|theta (deg)|signs|hits|forward (m/s)|lateral (m/s)|yaw (rad/s)",
+        "mode|f (Hz)|theta (deg)|signs|hits|strict|heading kept|forward (m/s)|lateral (m/s)|yaw (rad/s)",
     )];
     rows.extend(report.rows.iter().map(|it| {
         let [forward, lateral, yaw] =
             [it.forward_m_s, it.lateral_m_s, it.yaw_rad_s].map(|speed| format!("{speed:.4}"));
-        row![it.mode, it.f_hz, it.theta_deg, it.signs, it.hits, forward, lateral, yaw]
+        let word = |kept: bool| if kept { "yes" } else { "no" };
+        let (strict, kept) = (word(it.strict), it.keeps_heading.map_or("-", word));
+        let (f, theta) = (it.f_hz, it.theta_deg);
+        row![it.mode, f, theta, it.signs, it.hits, strict, kept, forward, lateral, yaw]
     }));
     format!(
         "Model {}, {} walks of {} s at {} ms (seeds from {}), scatter {} %\n\n{}\n\
-         of {} modes, on average {:.2} have the right sign and {:.2} are hits\n",
+         of {} modes, on average {:.2} have the right sign and {:.2} are hits; by their means {} are strict hits \
+         (what should be minimal is at most half), and {} of {} translations keep their heading within 45 degrees in 8 s\n",
         report.model,
         report.seeds,
         report.seconds,
@@ -152,7 +162,10 @@ fn text(report: &Report) -> String {
         table(&rows),
         report.rows.len(),
         report.mean_signs,
-        report.mean_hits
+        report.mean_hits,
+        report.strict_hits,
+        report.headings_kept,
+        report.rows.iter().filter(|row| row.keeps_heading.is_some()).count()
     )
 }
 

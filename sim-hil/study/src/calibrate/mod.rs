@@ -30,7 +30,7 @@ use sha2::{Digest, Sha256};
 
 use super::cmaes::{Cmaes, inside};
 use super::measured::Measured;
-use super::modes::{LEVER, PaperMode};
+use super::modes::{LEVER, PaperMode, lead};
 use super::selection::LEAST_SPEED;
 use super::write_whole;
 use flix_sim::experiment::walks::{TOGETHER, ideal_motions};
@@ -46,12 +46,19 @@ const NO_GENERATION: u64 = 0xFFFF_FFFF;
 /// What to fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub enum Goal {
-    /// A mode of a table.
-    Mode(PaperMode),
-    /// A mode of a table that also has to advance at [`LEAST_SPEED`] or more, as the paper steers with turns alone.
-    Advancing(PaperMode),
+    /// A mode of a table, and what it has to do beside being a hit.
+    Mode(PaperMode, Also),
     /// Speeds of a prototype.
     Measured(Measured),
+}
+
+/// What a mode has to do beside being a hit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct Also {
+    /// Advance at [`LEAST_SPEED`] or more, as the paper steers with turns alone.
+    pub advances: bool,
+    /// Be a strict hit and, as a translation, keep its heading ([`modes`](crate::modes)).
+    pub strict: bool,
 }
 
 impl Goal {
@@ -59,7 +66,7 @@ impl Goal {
     #[must_use]
     pub const fn pair(&self) -> (f64, f64) {
         match self {
-            Self::Mode(mode) | Self::Advancing(mode) => (mode.f_hz, mode.theta_deg),
+            Self::Mode(mode, _) => (mode.f_hz, mode.theta_deg),
             Self::Measured(row) => (row.f_hz, row.theta_deg),
         }
     }
@@ -68,21 +75,24 @@ impl Goal {
     #[must_use]
     pub fn loss(&self, motion: Twist) -> f64 {
         match self {
-            Self::Mode(mode) => shortfall(mode.margin(motion)),
-            Self::Advancing(mode) => {
-                let ahead = motion.forward;
-                let lead = (ahead - LEAST_SPEED) / (ahead.abs() + LEAST_SPEED);
-                shortfall(mode.margin(motion)) + shortfall(lead)
+            Self::Mode(mode, also) => {
+                let ahead = also.advances.then(|| lead(motion.forward, LEAST_SPEED));
+                let strict = also.strict.then(|| mode.strict_margins(motion));
+                let margins = ahead.into_iter().chain(strict.into_iter().flatten());
+                shortfall(mode.margin(motion)) + margins.map(shortfall).sum::<f64>()
             }
             Self::Measured(row) => row.square_error(motion),
         }
     }
 
     /// The loss of a walk that did not come about.
-    const fn worst(&self) -> f64 {
+    fn worst(&self) -> f64 {
         match self {
-            Self::Mode(_) => (SAFE_MARGIN + 1.0) / SOFTNESS,
-            Self::Advancing(_) => 2.0 * (SAFE_MARGIN + 1.0) / SOFTNESS,
+            Self::Mode(mode, also) => {
+                let strict = also.strict.then(|| mode.strict_margins(Twist::default()).count());
+                let margins = 1 + usize::from(also.advances) + strict.unwrap_or(0);
+                margins as f64 * (SAFE_MARGIN + 1.0) / SOFTNESS
+            }
             Self::Measured(_) => 1.0,
         }
     }
@@ -328,7 +338,7 @@ fn scored(settings: &Settings, motions: &[Option<Twist>]) -> Trial {
     let mut sum = Trial { loss: 0.0, signs: 0.0, hits: 0.0 };
     for (goal, motion) in settings.goals.iter().zip(motions.iter().copied()) {
         sum.loss += motion.map_or(goal.worst(), |motion| goal.loss(motion));
-        if let (Some(motion), Goal::Mode(mode) | Goal::Advancing(mode)) = (motion, goal) {
+        if let (Some(motion), Goal::Mode(mode, _)) = (motion, goal) {
             let score = mode.score(motion);
             sum.signs += f64::from(u8::from(score.sign));
             sum.hits += f64::from(u8::from(score.hit));
@@ -449,7 +459,11 @@ mod tests {
             tries: 1,
             fit: Fit::Open,
             widen: 1.0,
-            goals: paper_modes().into_iter().take(1).map(Goal::Mode).collect(),
+            goals: paper_modes()
+                .into_iter()
+                .take(1)
+                .map(|mode| Goal::Mode(mode, Also::default()))
+                .collect(),
             first_step: 0.15,
             population: 12,
             samples: 2,
@@ -532,7 +546,7 @@ mod tests {
 
     #[test]
     fn a_mode_that_is_missed_costs_more_than_one_that_is_just_met() {
-        let goal = Goal::Mode(paper_modes().remove(0));
+        let goal = Goal::Mode(paper_modes().remove(0), Also::default());
         let walks = [0.2, 0.012, 0.0, -0.1]
             .map(|forward| goal.loss(Twist { forward, lateral: 0.0, yaw: 0.0 }));
         assert!(walks.is_sorted() && walks[0] < 0.01 && walks[3] > 5.0, "{walks:?}");
@@ -540,10 +554,19 @@ mod tests {
 
     #[test]
     fn a_turn_that_backs_up_costs_more_than_one_that_advances() {
-        let turn = Goal::Advancing(paper_modes().remove(2));
+        let turn = Goal::Mode(paper_modes().remove(2), Also { advances: true, strict: false });
         let walks =
             [0.08, 0.04, -0.04].map(|forward| turn.loss(Twist { forward, lateral: 0.0, yaw: 1.9 }));
         assert!(walks.is_sorted() && walks[0] < 1.0 && walks[2] > 10.0, "{walks:?}");
+    }
+
+    #[test]
+    fn a_strict_search_pays_for_what_is_not_minimal_and_for_a_heading_that_turns() {
+        let forward = Goal::Mode(paper_modes().remove(0), Also { advances: false, strict: true });
+        let loss = |lateral, yaw| forward.loss(Twist { forward: 0.06, lateral, yaw });
+        let walks = [loss(0.0, 0.02), loss(0.0, 0.12), loss(0.0, 0.35), loss(0.055, 0.35)];
+        assert!(walks.is_sorted() && walks[0] < 0.1 && walks[2] > 5.0, "{walks:?}");
+        assert!(walks.iter().all(|loss| *loss < forward.worst()));
     }
 
     #[test]
