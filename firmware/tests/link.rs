@@ -14,8 +14,8 @@ use flix_firmware::units::{Current, RotorAngle, Speed, Voltage};
 use flix_protocol::failsafe::{COMMAND_AGE, LINK_LATE, PROVING_TIME};
 use flix_protocol::frame::Frame;
 use flix_protocol::message::{
-    Command, Event, Fault, Faults, Halt, Identity, Magnet, Mark, Name, OperatorName, Order,
-    Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Permit, Refusal, ResetReason,
+    BuildId, Command, Event, Fault, Faults, Halt, Identity, Magnet, Mark, Name, OperatorName,
+    Order, Outcome, PARAMETERS_PER_REPLY, ParameterCommand, Pattern, Permit, Refusal, ResetReason,
     ScopeCommand, ScopePlan, Setpoint, State, Telemetry, ToRobot, Trial, Withheld,
 };
 use flix_protocol::session::{
@@ -1001,8 +1001,11 @@ fn a_robot_reports_its_last_accident_and_keeps_faults_for_the_next() {
         bytes[blackbox::RUN].copy_from_slice(&link.keep().unwrap());
         Kept::decode(&bytes).report(ResetReason::Tasks).unwrap()
     };
+    let build = Some(BuildId([7; 8]));
+    ends.slow.link.set_build(build);
     let quiet = run(&mut ends.slow.link);
     assert_eq!((quiet.version.as_str(), quiet.fault), (env!("CARGO_PKG_VERSION"), None));
+    assert_eq!(quiet.build, build);
     ends.observe(|report| {
         report.faults = Faults::NONE.with(Fault::Stall);
         report.first_fault = Some(Fault::Stall);

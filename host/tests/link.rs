@@ -640,6 +640,19 @@ fn a_robot_that_halted_while_it_was_armed_walks_after_enter() {
 }
 
 #[test]
+fn a_program_that_steers_on_after_a_halt_is_told_of_it_once() {
+    let mut world = World::armed();
+    world.client.hold(world.now, setpoint(10.0, 0.0));
+    world.run(Duration::from_millis(100));
+    world.robot.halt();
+    for direction in 0..20_u8 {
+        world.client.hold(world.now, setpoint(10.0, direction.into()));
+        world.run(Duration::from_millis(50));
+    }
+    assert_eq!(world.endings().len(), 1, "{:?}", world.endings());
+}
+
+#[test]
 fn a_trial_of_an_armed_robot_that_is_given_up_is_not_done() {
     let mut world = World::armed();
     let pattern = Pattern::Halve(10);

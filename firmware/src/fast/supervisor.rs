@@ -8,19 +8,22 @@
 //!    |                  | link silent      |                              |
 //!    +------------------+------------------+------------ Stopping <-------+
 //!    |  Clear, 0.5 s after the fault, cause gone    (at rest)
-//! Faulted <------------------ any fault, from any state but Disarmed
+//! Faulted <------------------ any fault; while Disarmed its cause alone counts for nothing
 //! ```
 //!
-//! A robot that ramps down because of silence runs on if orders come back while it does, and else ends in Armed; after 1 s of silence,
-//! in Disarmed. A trial goes from Disarmed to Aligning and back.
+//! A robot that ramps down because of silence runs on if an order comes in time before its rotors stand, within 0.4 s; else it ends
+//! in Armed, and after 1 s of silence in Disarmed. A trial goes from Disarmed to Aligning and back.
 //!
 //! # Orders and permits
 //!
 //! An order is a level: [`Asked::wanted`] in every tick, not an edge. The supervisor holds one [`Permit`] and counts it up at
-//! each [`Halt`]: whenever the rotors came to rest, or must not go on, without this operator's `Off`, `Stop` or f of 0; and when an
-//! alignment or a trial has ended. **What begins something needs the present permit; what calms needs none.**
+//! each [`Halt`]: at a fault; at the begin and end of a session; at a stop from outside; when rotors came to rest, alignment ended or
+//! the robot was disarmed for want of orders; when rotors were not seen to come to rest; and when an alignment or a trial has
+//! finished. No order of the operator in session counts it. **What begins something needs the present permit; what calms needs none.**
 //!
-//! In the table p is the order's permit. *For good*: ends in Disarmed. *Back*: Running again, where the order is in time.
+//! In the table p is the order's permit. *For good*: ends in Disarmed. *Back*: Running again, where the order is in time. An order is
+//! *late* [`LINK_LATE`] after it came or once it has expired ([`Asked::expires`]), *silent* after [`COMMAND_DEADLINE`], *lost* after
+//! [`LINK_LOST`]; in time: not late.
 //!
 //! | state | `Off` | `Arm(p)` | `Shake(p)` | `Try(p)` | `Clear(p)` |
 //! |---|---|---|---|---|---|
@@ -35,12 +38,11 @@
 //! | Stopping on silence, braking | for good | waits | waits | for good | waits |
 //! | Faulted | stays | stays | stays | stays | p present: forgets the stop, and after 0.5 s the faults whose cause is gone |
 //!
-//! Nothing is cleared, and no motor begins to be driven, by an order that is late or has expired; motors begin only while
-//! [`Asked::begins`] holds. A stop ([`Asked::stops`]) latches in every state and disarms the robot; so does the begin or the end of a
-//! session ([`Asked::halts`]), which latches nothing.
+//! Nothing is cleared, and no motor begins to be driven, by an order that is late. A robot leaves Disarmed only while
+//! [`Asked::begins`] holds: link and settings are in order. A stop ([`Asked::stops`]) latches in every state and disarms the robot.
+//! Each count of [`Asked::halts`] disarms it too, and latches nothing: a session begins or ends, or somebody without one stops.
 //!
-//! Settings are taken over where the rotors rest. Aligning, and so arming, begins once they are; where the rotors do not come
-//! to rest, it fails.
+//! Settings are taken over where the rotors rest. Until they are, a robot in Aligning brakes; after 2 s that is a fault.
 //!
 //! The failsafe ladder counts from the arrival of the newest valid command: after [`LINK_LATE`] the
 //! operator is warned, after [`COMMAND_DEADLINE`] both rotors ramp down together, after [`LINK_LOST`]

@@ -3,8 +3,9 @@
 //!
 //! An order that moves the robot or clears it is a [`Wish`], [pressed](Client::press) by a person or by a program that starts. It takes the
 //! permit that telemetry showed last, and counts only while the robot states the same one: after a halt the walk of a robot that is
-//! driven becomes a rest, every other order [`Order::Off`], and [`Update::Ended`] reports why. Halts that the order itself led to
-//! (the end of its alignment or trial) end nothing. [`Client::hold`] changes f and theta of a walk in force, with its permit.
+//! driven becomes f = 0 under the permit that it had, every other order [`Order::Off`], and [`Update::Ended`] reports why; the robot
+//! at f = 0 may halt, and end, once more. Halts that the order itself led to (the end of its alignment or trial) end nothing.
+//! [`Client::hold`] changes f and theta of a walk in force, with its permit.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -62,7 +63,8 @@ pub enum NotTaken {
     /// The robot has not acknowledged the last stop.
     #[error("a stop is on its way: wait until the robot acknowledges it")]
     Stopping,
-    /// The robot has not disarmed yet, as this client has ordered: a walk would undo that.
+    /// The robot has not disarmed yet, as this client has ordered: a walk sent now would take the place of an order that may not
+    /// have arrived.
     #[error("the robot disarms: press Enter once it has")]
     Disarming,
 }
@@ -91,7 +93,7 @@ pub enum Update {
         /// The number that [`Client::request`] returned.
         request: u32,
     },
-    /// A wish ended before it was fulfilled, or the robot halted while it was in force.
+    /// The order in force was replaced: refused, without effect in time, or the robot halted.
     Ended {
         /// The order of the wish.
         order: Order,
@@ -251,7 +253,7 @@ impl Client {
             }
             Wish::Clear if !shown.stopped && shown.faults.is_empty() => return Ok(()),
             Wish::Clear => self.stop = StopState::None,
-            // An order to disarm may still be on its way: nothing that is less takes its place.
+            // The order to disarm may not have arrived: a walk in its place would leave the robot armed.
             Wish::Shake(setpoint)
                 if matches!(self.order, Order::Off | Order::Stop) && self.is_driven() =>
             {
@@ -278,11 +280,15 @@ impl Client {
     pub fn hold(&mut self, now: Instant, setpoint: Setpoint) {
         let shown = self.telemetry.map(|it| (it.permit, it.halt));
         let order = match (self.order, shown) {
-            (Order::Shake(permit, held), _) if held != setpoint => Order::Shake(permit, setpoint),
+            (Order::Shake(permit, held), Some((shown, _)))
+                if shown == permit && held != setpoint =>
+            {
+                Order::Shake(permit, setpoint)
+            }
             (Order::Arm(permit), Some((shown, Halt::Aligned))) if shown == permit.next() => {
                 Order::Shake(shown, setpoint)
             }
-            // A robot that was armed before this wish, which led to no other permit.
+            // The robot was armed when it was asked to arm: without an alignment its permit is the same.
             (Order::Arm(permit), Some((shown, _))) if shown == permit && self.is_armed() => {
                 Order::Shake(shown, setpoint)
             }
@@ -592,7 +598,7 @@ impl Client {
             }
             _ => Order::Off,
         };
-        // A robot at rest that has looked at the order, or that states another permit and so never obeys the order, will not move.
+        // This order can no longer move a robot that is disarmed and has seen it, or states another permit.
         self.is_driving &= !self.telemetry.is_some_and(|it| {
             it.state.is_idle() && (self.is_heard(&it) || order.permit() != Some(it.permit))
         });
