@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::arguments::{ModelArgs, SetpointArgs, parse_step, parse_time};
 use super::error::Error;
 use super::output::{complain, print, print_figures, progress, row, table};
-use flix_sim::experiment::walk::{Spread, Walk, WalkDrive, Walked, walk};
+use flix_sim::experiment::walk::{Shaking, Spread, Walk, WalkDrive, Walked, walk};
 use flix_sim::model::RobotModel;
 use flix_sim::plant::electronics::TICK;
 use flix_sim::view::Film;
@@ -27,7 +27,7 @@ const OUTLINES: usize = 6;
 /// Walk at one f and theta: mean speeds over several seeds, a picture of the track, a replay
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  flix-sim walk --frequency -30 --direction 30\n  flix-sim walk --frequency 30 --direction 90 --seconds 20 --seeds 16 --drive ideal\n  flix-sim walk --frequency -30 --direction 30 --heading 45\n  flix-sim walk --frequency 35 --direction 0 --model my-robot.toml --json"
+    after_help = "Examples:\n  flix-sim walk --frequency -30 --direction 30\n  flix-sim walk --frequency 30 --direction 90 --seconds 20 --seeds 16 --drive ideal\n  flix-sim walk --frequency -30 --direction 30 --heading 45\n  flix-sim walk --frequency -100 --direction 0 --model flix --drive ideal --step 0.05ms\n  flix-sim walk --frequency 35 --direction 0 --model my-robot.toml --json"
 )]
 pub struct Args {
     #[command(flatten)]
@@ -46,7 +46,7 @@ pub struct Args {
     heading: Option<f64>,
     #[command(flatten)]
     model: ModelArgs,
-    /// What turns the rotors
+    /// What turns the rotors; the ideal drive takes -120 to 120 Hz
     #[arg(long, value_enum, default_value_t = WalkDrive::Firmware)]
     drive: WalkDrive,
     /// Step; under the firmware's drive at most its own tick of 0.1 ms
@@ -82,9 +82,15 @@ struct Report {
 
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
     let model = args.model.load()?;
-    let setpoint = args.setpoint.check()?;
+    let shaking = match args.drive {
+        WalkDrive::Firmware => args.setpoint.check()?.into(),
+        WalkDrive::Ideal => {
+            Shaking::new(args.setpoint.frequency.into(), args.setpoint.direction.into())
+                .map_err(Error::usage)?
+        }
+    };
     let what = Walk {
-        shaking: setpoint.into(),
+        shaking,
         seconds: args.seconds.as_secs_f64(),
         drive: args.drive,
         step: args.step.as_secs_f64(),

@@ -199,11 +199,13 @@ fn shaker(
     rows.add(&name("force across theta"), "N", across, Some((0.0, 1e-3 * force)));
     rows.add(&name("torque about z"), "N m", vertical, Some((0.0, 1e-3 * torque.max(1e-9))));
     let share = 2.0 / f64::from(count);
-    rows.add(&name("torque h m w^2 l"), "N m", (share * sine).abs(), Some((torque, 1e-3 * torque)));
+    // The top rotor turns clockwise where f is positive, so that its force across theta points to the right first.
+    let sign = f.signum();
+    rows.add(&name("torque h m w^2 l"), "N m", share * sine, Some((sign * torque, 1e-3 * torque)));
     rows.add(
         &name("cosine torque of gravity"),
         "N m",
-        (share * cosine).abs(),
+        share * cosine,
         Some((weight, 1e-3 * weight)),
     );
     Ok(())
