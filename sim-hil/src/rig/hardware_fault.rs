@@ -3,10 +3,10 @@
 use core::time::Duration;
 
 use flix_firmware::hardware::{
-    Actuation, Bridge, Encoder, EncoderAngle, EncoderReading, Magnet, Sensors,
+    Actuation, Bridge, Encoder, EncoderAngle, EncoderReading, Magnet, Sensors, TICK_US,
 };
 use flix_protocol::units::Instant;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -39,6 +39,12 @@ pub enum HardwareFault {
     CurrentOffset(usize, i16),
     /// The battery's open-circuit voltage falls by this, V.
     BusSag(f64),
+    /// The battery's divider shows this share of the bus: none with its wire off.
+    BusReads(f64),
+    /// The divider's pin floats: it shows any share of the bus.
+    BusFloats,
+    /// One reading in each tenth of a second shows this share of the bus, for 1.6 ms.
+    BusOutliers(f64),
     /// The processor does something else than its work.
     Processor(Processor),
 }
@@ -145,7 +151,17 @@ impl Disturbance for Injected {
         }
     }
 
-    fn sensors(&mut self, _now: Instant, sensors: &mut Sensors) {
+    fn sensors(&mut self, now: Instant, sensors: &mut Sensors) {
+        if let (true, Some(counts)) = (self.is_active, &mut sensors.bus_voltage) {
+            let is_outlier = now.as_micros() % 100_000 < u64::from(16 * TICK_US);
+            let share = match self.fault {
+                HardwareFault::BusReads(share) => share,
+                HardwareFault::BusFloats => self.random.random(),
+                HardwareFault::BusOutliers(share) if is_outlier => share,
+                _ => 1.0,
+            };
+            *counts = (share * f64::from(*counts)) as u16;
+        }
         for (index, encoder) in sensors.encoders.iter_mut().enumerate() {
             self.disturb_encoder(index, encoder);
         }
