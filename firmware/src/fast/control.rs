@@ -255,6 +255,7 @@ impl Control {
             Drive::Align => self.align(sensors),
             Drive::Try => self.try_out(sensors, asked),
             Drive::Brake => self.rest_in(Bridge::BRAKE),
+            Drive::BrakeHigh => self.rest_in(Bridge::BRAKE_HIGH),
             Drive::Off => self.rest_in(Bridge::Off),
         }
     }

@@ -11,6 +11,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::plant::electronics::Electronics;
+use crate::plant::electronics::inverter::Leg;
 use crate::rig::simulated::{Disturbance, Processor};
 
 /// Time that the boot loader and the start of the software take. Assumed: what an ESP32 takes from flash.
@@ -35,6 +36,8 @@ pub enum HardwareFault {
     BridgeShutDown(usize),
     /// The wire of a phase (0 to 2) of this motor breaks.
     OpenPhase(usize, usize),
+    /// A leg (0 to 2) of this motor's bridge breaks.
+    Leg(usize, usize, Leg),
     /// The amplifier of phase A of this motor reads so many counts too much.
     CurrentOffset(usize, i16),
     /// The battery's open-circuit voltage falls by this, V.
@@ -80,6 +83,9 @@ impl Injected {
         match self.fault {
             HardwareFault::OpenPhase(motor, phase) => {
                 electronics.motor_mut(motor).break_wire(phase, is_active);
+            }
+            HardwareFault::Leg(motor, phase, leg) => {
+                electronics.set_leg(motor, phase, if is_active { leg } else { Leg::Good });
             }
             HardwareFault::Magnet(motor, magnet) => {
                 electronics.set_magnet(motor, if is_active { magnet } else { Magnet::Good });
