@@ -34,7 +34,18 @@ struct Seen {
 
 /// Returns a robot that holds f, Hz, and theta, 20 degrees, with motors of this resistance (ohm) that it knows.
 fn holding(senses_current: bool, ohm: f64, f: f64, seed: u64) -> Operation {
-    let mut model = RobotModel::named(Base::Fixed.model()).unwrap();
+    let model = RobotModel::named(Base::Fixed.model()).unwrap();
+    holding_of(model, senses_current, ohm, f, seed)
+}
+
+/// The same of this model.
+fn holding_of(
+    mut model: RobotModel,
+    senses_current: bool,
+    ohm: f64,
+    f: f64,
+    seed: u64,
+) -> Operation {
     let electrical = &mut model.electrical;
     electrical.sense.current = senses_current;
     electrical.motor.phase_inductance_mh *= ohm / electrical.motor.phase_resistance_ohm;
@@ -148,5 +159,19 @@ fn an_upper_switch_that_is_short_takes_nothing_from_the_battery_and_the_rotors_a
                 assert!(operation.robot.truth().is_slower_than(0.5), "{case}");
             }
         }
+    }
+}
+
+#[test]
+fn a_bridge_that_cannot_coast_stays_on_the_rail_of_the_switch_that_is_short_until_it_is_armed_anew()
+{
+    let mut model = RobotModel::named(Base::Fixed.model()).unwrap();
+    model.electrical.inverter.can_coast = false;
+    for (f, leg) in [(10.0, Leg::Shorted(Rail::High)), (-30.0, Leg::Stuck(Rail::High))] {
+        let mut operation = holding_of(model.clone(), true, 2.5, f, 1);
+        let fault = HardwareFault::Leg(0, 1, leg);
+        let seen = failing(&mut operation, fault, Duration::from_millis(1_500));
+        assert!(seen.drawn_j < 1.0 && seen.heat_w < 0.1, "{f} Hz {leg:?}: {seen:?}");
+        assert!(operation.robot.truth().is_slower_than(0.5), "{f} Hz {leg:?}");
     }
 }

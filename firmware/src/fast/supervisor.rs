@@ -54,7 +54,7 @@
 //! battery, feeds nothing back into the bus, and slows both rotors alike. So all faults brake,
 //! except two: under-voltage, where nothing is wrong with control, ramps down phase-locked; and
 //! over-current first coasts until the current is gone. Where braking is over-current, an upper switch is short or stuck, and the
-//! high sides brake instead, on the same rail as that switch. A ramp down feeds the bus where it is measured,
+//! high sides brake instead, on the same rail as that switch, until the robot is armed anew. A ramp down feeds the bus where it is measured,
 //! and burns what the rotors lose where it is not ([`burning`](crate::fast::foc::burning)).
 
 #[cfg(test)]
@@ -493,8 +493,9 @@ impl Supervisor {
     fn rest(&self, conditions: &Conditions) -> Drive {
         let stands = conditions.at_rest || self.braked_for_long();
         match self.rail {
-            _ if self.has_braked() && stands => Drive::Off,
+            // A bridge that cannot coast is off by its low sides, which would feed that switch again.
             Rail::High(_) => Drive::BrakeHigh,
+            _ if self.has_braked() && stands => Drive::Off,
             Rail::Low | Rail::LowAgain => Drive::Brake,
         }
     }

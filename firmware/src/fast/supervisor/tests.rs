@@ -647,7 +647,8 @@ fn what_is_over_current_while_the_low_sides_brake_is_braked_by_the_high_sides_un
             assert_eq!(desk.tick(), Drive::BrakeHigh);
         }
         desk.present = Faults::NONE;
-        for _ in 0..BRAKE_TICKS {
+        desk.at_rest = true;
+        for _ in 0..=BRAKE_TICKS {
             assert_eq!(desk.tick(), Drive::BrakeHigh);
         }
         ask(&mut desk, Wanted::Clear);
