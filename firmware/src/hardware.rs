@@ -57,6 +57,8 @@ pub enum Bridge {
 impl Bridge {
     /// All low sides on: the shorted motor brakes itself, within 0.3 s from 35 Hz.
     pub const BRAKE: Self = Self::Duty([Duty::ZERO; 3]);
+    /// All high sides on: it brakes as well, where a leg is stuck at the high rail.
+    pub const BRAKE_HIGH: Self = Self::Duty([Duty::MAX; 3]);
 }
 
 /// What the hardware does until the next tick: the top and the bottom motor's bridge.

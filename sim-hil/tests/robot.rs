@@ -4,6 +4,7 @@
 mod bench_supply;
 mod commission;
 mod electrical_plant;
+mod failing_electronics;
 mod holds_frequency_and_direction;
 mod link;
 mod network_task;

@@ -29,7 +29,9 @@ use crate::fast::tracker::{TABLE_LENGTH, Tracker};
 use crate::fast::trial::{self, TrialRun};
 use crate::hardware::{Actuation, Bridge, Magnet, Sensors};
 use crate::scope::{Sample, row};
-use crate::units::{Counts, Current, RotorAngle, Speed, TICK_US, Voltage, multiply_high};
+use crate::units::{
+    Counts, Current, RotorAngle, Speed, TICK_US, Voltage, magnitude, multiply_high,
+};
 
 /// Tick after a multiple of [`DIAGNOSTIC_TICKS`] that diagnoses.
 pub(crate) const DIAGNOSED: u32 = 1;
@@ -64,6 +66,8 @@ const REST_TICKS: u32 = 100;
 const AT_REST: Speed = Speed::from_centihertz(30);
 /// The bus voltage is averaged over 2 diagnoses.
 const BUS_FILTER_SHIFT: u32 = 1;
+/// By so much of itself the bus that duties are made for may fall from one diagnosis to the next, 2^-6: 117 V/s from 12 V.
+const BUS_FALLS_SHIFT: u32 = 6;
 /// f is averaged over 2^4 diagnoses, about one turn.
 const FREQUENCY_FILTER_SHIFT: u32 = 4;
 /// The battery must recover by this much before it is warned of again: 0.3 V.
@@ -94,6 +98,8 @@ pub struct Control {
     activity: Activity,
     bus: Bus,
     bus_voltage: Voltage,
+    /// The last two readings of the bus, the newer one last.
+    bus_readings: [Voltage; 2],
     battery_low: bool,
     /// What the amplifiers show at no current, and the current beyond which a phase is an over-current.
     zeros: [[Counts; 2]; 2],
@@ -143,6 +149,7 @@ impl Control {
             activity: Activity::Idle,
             bus: Bus::new(configuration.bus_nominal, configuration.dead_share),
             bus_voltage: configuration.bus_nominal,
+            bus_readings: [configuration.bus_nominal; 2],
             battery_low: false,
             over_current: configuration.over_current(&zeros),
             zeros,
@@ -192,6 +199,7 @@ impl Control {
             self.take_zeros(self.zeros);
             if configuration.bus_per_count == 0 {
                 self.bus_voltage = configuration.bus_nominal;
+                self.bus_readings = [configuration.bus_nominal; 2];
             }
         }
         idle
@@ -247,6 +255,7 @@ impl Control {
             Drive::Align => self.align(sensors),
             Drive::Try => self.try_out(sensors, asked),
             Drive::Brake => self.rest_in(Bridge::BRAKE),
+            Drive::BrakeHigh => self.rest_in(Bridge::BRAKE_HIGH),
             Drive::Off => self.rest_in(Bridge::Off),
         }
     }
@@ -459,11 +468,13 @@ impl Control {
     /// Looks at what need not be looked at in every tick: bus, faults that build up, rest, averages.
     #[inline(never)]
     fn diagnose(&mut self, sensors: &Sensors, asked: &Asked, rotors: &Rotors) {
-        self.measure_bus(sensors.bus_voltage);
+        let bus_contradicts = self.measure_bus(sensors.bus_voltage);
         self.magnets = sensors.magnets;
         let observation = Observation {
             configuration: &self.configuration,
             bus_voltage: self.bus_voltage,
+            bus_reading: self.bus_readings[1],
+            bus_contradicts,
             trackers: &self.trackers,
             currents: &self.currents,
             loops: &self.loops,
@@ -490,13 +501,32 @@ impl Control {
         }
     }
 
-    fn measure_bus(&mut self, counts: Option<u16>) {
+    /// Takes a reading of the bus: the middle one of three, as one alone may be an outlier. Returns whether it contradicts what is
+    /// known while the motors are driven. Duties, which grow as the bus falls, believe none that does, and let no other fall faster
+    /// than by 2^-[`BUS_FALLS_SHIFT`].
+    fn measure_bus(&mut self, counts: Option<u16>) -> bool {
+        let is_driven = !matches!(self.activity, Activity::Idle);
+        let mut contradicts = false;
+        let mut believed = self.bus_voltage;
         if let Some(counts) = counts {
             let voltage = multiply_high(i32::from(counts) << 14, self.configuration.bus_per_count);
-            let change = (voltage - self.bus_voltage.raw()) >> BUS_FILTER_SHIFT;
+            let newest = Voltage::from_raw(voltage);
+            let [oldest, older] = self.bus_readings;
+            self.bus_readings = [older, newest];
+            let reading = older.min(newest).max(oldest.min(older.max(newest)));
+            let change = (reading - self.bus_voltage).raw() >> BUS_FILTER_SHIFT;
             self.bus_voltage = self.bus_voltage + Voltage::from_raw(change);
+            contradicts = is_driven && self.contradicts(reading);
+            let before = self.bus.voltage;
+            believed = match is_driven {
+                false => self.bus_voltage,
+                true if contradicts => before,
+                true => self
+                    .bus_voltage
+                    .max(before - Voltage::from_raw(before.raw() >> BUS_FALLS_SHIFT)),
+            };
         }
-        self.bus = Bus::new(self.bus_voltage, self.configuration.dead_share);
+        self.bus = Bus::new(believed, self.configuration.dead_share);
         let low = self.bus_voltage < self.configuration.battery_low;
         if low && !self.battery_low {
             let events = &mut self.supervisor.events;
@@ -504,6 +534,21 @@ impl Control {
         }
         let recovered = self.bus_voltage > self.configuration.battery_low + BATTERY_HYSTERESIS;
         self.battery_low = low || (self.battery_low && !recovered);
+        contradicts
+    }
+
+    /// Returns whether the bus cannot be as low as this: no battery falls by more than 3/8 within two readings, and magnets that
+    /// turn charge one that is empty.
+    fn contradicts(&self, bus: Voltage) -> bool {
+        let configuration = &self.configuration;
+        let induces = |motor: usize, tracker: &Tracker| {
+            let speed = configuration.electrical_speed(motor, tracker.speed()).raw();
+            magnitude(multiply_high(speed, configuration.motors[motor % 2].back_emf))
+        };
+        let [top, bottom] = &self.trackers;
+        bus.raw() < 5 * (self.bus.voltage.raw() >> 3)
+            || bus < configuration.under_voltage
+                && bus.raw() < induces(0, top).max(induces(1, bottom))
     }
 
     /// Returns whether the rotors have been slow for a while, and nobody wants them to turn.

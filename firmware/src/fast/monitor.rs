@@ -19,6 +19,8 @@ const OVER_CURRENT_TICKS: u32 = 2;
 const UNDER_VOLTAGE_TICKS: u32 = 200;
 /// Ticks for which the bus must be too high: 3.2 ms.
 const OVER_VOLTAGE_TICKS: u32 = 32;
+/// Ticks for which a reading of the bus must contradict what is known: 4.8 ms.
+const BUS_SENSE_TICKS: u32 = 48;
 /// Ticks at the current limit without movement: 0.2 s.
 const STALL_TICKS: u32 = 2_000;
 /// Ticks without movement while f goes on: 20 ms.
@@ -168,6 +170,10 @@ pub(crate) struct Observation<'a> {
     pub(crate) configuration: &'a Configuration,
     /// Battery side of the bridges, averaged.
     pub(crate) bus_voltage: Voltage,
+    /// The last reading of it alone.
+    pub(crate) bus_reading: Voltage,
+    /// Whether what is read of it contradicts what is known.
+    pub(crate) bus_contradicts: bool,
     /// Top, bottom.
     pub(crate) trackers: &'a [Tracker; 2],
     /// Currents of phases A and B, top and bottom.
@@ -190,6 +196,7 @@ pub(crate) struct Monitor {
     over_current: Debounce,
     under_voltage: Debounce,
     over_voltage: Debounce,
+    bus_sense: Debounce,
     stall: [Debounce; 2],
     blocked: [Debounce; 2],
     unlocked: Debounce,
@@ -255,11 +262,14 @@ impl Monitor {
         let Observation { configuration, bus_voltage, trackers, .. } = *observation;
         let fast = |tracker: &Tracker| tracker.speed().magnitude() > configuration.over_speed;
         let low = bus_voltage < configuration.under_voltage;
-        let high = bus_voltage > configuration.over_voltage;
+        // At once: a capacitor that takes what rotors give fills within milliseconds.
+        let high = observation.bus_reading > configuration.over_voltage;
+        let contradicts = observation.bus_contradicts;
         let faults = faults
             .with_if(Fault::OverSpeed, trackers.iter().any(fast))
             .with_if(Fault::UnderVoltage, self.under_voltage.diagnose(low, UNDER_VOLTAGE_TICKS))
-            .with_if(Fault::OverVoltage, self.over_voltage.diagnose(high, OVER_VOLTAGE_TICKS));
+            .with_if(Fault::OverVoltage, self.over_voltage.diagnose(high, OVER_VOLTAGE_TICKS))
+            .with_if(Fault::BusSense, self.bus_sense.diagnose(contradicts, BUS_SENSE_TICKS));
         if observation.shaking { self.shaking_faults(faults, observation) } else { faults }
     }
 
@@ -398,6 +408,7 @@ mod tests {
     struct Scene {
         configuration: Configuration,
         bus_voltage: Voltage,
+        bus_contradicts: bool,
         speeds: [Speed; 2],
         currents: [[Current; 2]; 2],
         loops: [CurrentLoop; 2],
@@ -442,6 +453,7 @@ mod tests {
             assert!(shaker.limited() == limited || sum_error != 0);
             Self {
                 bus_voltage: configuration.bus_nominal,
+                bus_contradicts: false,
                 speeds: [MOVING, -MOVING],
                 currents: [[Current::ZERO; 2]; 2],
                 loops: [CurrentLoop::default(); 2],
@@ -462,6 +474,8 @@ mod tests {
             let observation = Observation {
                 configuration: &self.configuration,
                 bus_voltage: self.bus_voltage,
+                bus_reading: self.bus_voltage,
+                bus_contradicts: self.bus_contradicts,
                 trackers: &trackers,
                 currents: &self.currents,
                 loops: &self.loops,
@@ -519,6 +533,8 @@ mod tests {
         let step = Voltage::from_raw(1);
         assert_limit(&at(least), &at(least - step), Fault::UnderVoltage, UNDER_VOLTAGE_TICKS);
         assert_limit(&at(most), &at(most + step), Fault::OverVoltage, OVER_VOLTAGE_TICKS);
+        let misread = but(&scene, |scene| scene.bus_contradicts = true);
+        assert_limit(&scene, &misread, Fault::BusSense, BUS_SENSE_TICKS);
     }
 
     /// When a monitor names something that currents of this size make of a robot at rest, which come and go in the q axis of a

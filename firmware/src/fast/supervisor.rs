@@ -55,7 +55,8 @@
 //! motor brakes itself within 0.3 s from 35 Hz; that needs neither encoder nor current sense nor
 //! battery, feeds nothing back into the bus, and slows both rotors alike. So all faults brake,
 //! except two: under-voltage, where nothing is wrong with control, ramps down phase-locked; and
-//! over-current first coasts until the current is gone. A ramp down feeds the bus where it is measured,
+//! over-current first coasts until the current is gone. Where braking is over-current, an upper switch is short or stuck, and the
+//! high sides brake instead, on the same rail as that switch, until the robot is armed anew. A ramp down feeds the bus where it is measured,
 //! and burns what the rotors lose where it is not ([`burning`](crate::fast::foc::burning)).
 
 #[cfg(test)]
@@ -82,6 +83,8 @@ const LONGEST_RAMP_TICKS: u16 = 4_000;
 const BRAKE_TICKS: u16 = 5_000;
 /// Ticks for which an over-current coasts before it brakes: 2 ms, six electrical time constants.
 const COAST_TICKS: u16 = 20;
+/// Ticks after which too much current is that of the high rail, 10 ms: what the other left is gone.
+const RAIL_TICKS: u16 = 100;
 
 /// Ticks for which arming waits for rotors to come to rest, so that settings are taken over: 2 s, as alignment does.
 const LONGEST_WAIT_TICKS: u16 = LONGEST_REST_WAIT_TICKS as u16;
@@ -91,8 +94,9 @@ const LONGEST_WAIT_TICKS: u16 = LONGEST_REST_WAIT_TICKS as u16;
 pub(crate) enum Drive {
     /// Switch the bridges off.
     Off,
-    /// Short the motors.
+    /// Short the motors, by all low sides or, where that is said, by all high sides.
     Brake,
+    BrakeHigh,
     /// Find the electrical angles.
     Align,
     /// Do the trial that was asked for.
@@ -112,6 +116,17 @@ pub(crate) struct Conditions {
     pub(crate) finished: bool,
     /// Whether settings wait to be taken over: nothing is driven with those before.
     pub(crate) outdated: bool,
+}
+
+/// Where the motors are shorted. A leg that is stuck or short at the high rail takes from the battery what braking low shorts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Rail {
+    /// By all low sides.
+    Low,
+    /// By all high sides, for so many ticks, as too much flowed by the low ones.
+    High(u16),
+    /// By all low sides for good: too much flows either way.
+    LowAgain,
 }
 
 /// Why the rotors ramp down.
@@ -151,6 +166,7 @@ pub(crate) struct Supervisor {
     /// [`Asked::halts`] that have counted.
     pub(crate) halts: u8,
     ramp_down: bool,
+    rail: Rail,
     /// The trial under way; `None` while the motors are aligned.
     trial: Option<Trial>,
     /// What happened since power-up.
@@ -175,6 +191,7 @@ impl Supervisor {
             stops: 0,
             halts: 0,
             ramp_down: false,
+            rail: Rail::Low,
             trial: None,
             events: EventCounters::default(),
         }
@@ -275,6 +292,7 @@ impl Supervisor {
         let is_whole = trial.is_some() == (asked.wanted == Wanted::Try);
         if asked.begins && is_whole && self.is_permitted(now, asked) {
             self.trial = trial;
+            self.rail = Rail::Low;
             self.enter(State::Aligning);
         }
     }
@@ -476,7 +494,12 @@ impl Supervisor {
     /// middle of a run finds them spinning.
     fn rest(&self, conditions: &Conditions) -> Drive {
         let stands = conditions.at_rest || self.braked_for_long();
-        if self.has_braked() && stands { Drive::Off } else { Drive::Brake }
+        match self.rail {
+            // A bridge that cannot coast is off by its low sides, which would feed that switch again.
+            Rail::High(_) => Drive::BrakeHigh,
+            _ if self.has_braked() && stands => Drive::Off,
+            Rail::Low | Rail::LowAgain => Drive::Brake,
+        }
     }
 
     fn make_safe(&mut self, conditions: &Conditions) -> Drive {
@@ -487,6 +510,13 @@ impl Supervisor {
         } else if self.ramp_down && only(Fault::UnderVoltage) && self.ticks < LONGEST_RAMP_TICKS {
             Drive::Shake(Speed::ZERO, false)
         } else {
+            let is_excess = conditions.present.contains(Fault::OverCurrent);
+            self.rail = match self.rail {
+                Rail::Low if is_excess => Rail::High(0),
+                Rail::High(RAIL_TICKS..) if is_excess => Rail::LowAgain,
+                Rail::High(ticks) => Rail::High(ticks.saturating_add(1)),
+                rail => rail,
+            };
             self.rest(conditions)
         }
     }

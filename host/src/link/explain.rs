@@ -39,6 +39,9 @@ pub const fn fault(fault: Fault) -> &'static str {
         Fault::Shiver => {
             "a rotor shivers where it should rest: lower position_bandwidth, or raise tracker_bandwidth; are the motors as the settings say?"
         }
+        Fault::BusSense => {
+            "the battery's voltage is misread, or the battery left in the run: look at its connector, then at the board's voltage divider"
+        }
     }
 }
 
@@ -171,9 +174,13 @@ mod tests {
 
     #[test]
     fn faults_that_a_missing_battery_makes_name_the_battery() {
-        for kind in
-            [Fault::UnderVoltage, Fault::Alignment, Fault::CurrentSense, Fault::PhaseLockLost]
-        {
+        for kind in [
+            Fault::UnderVoltage,
+            Fault::Alignment,
+            Fault::CurrentSense,
+            Fault::PhaseLockLost,
+            Fault::BusSense,
+        ] {
             assert!(fault(kind).contains("battery"), "{kind}");
         }
     }

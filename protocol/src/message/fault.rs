@@ -35,6 +35,8 @@ pub enum Fault {
     Settings,
     /// A rotor shivers where it should rest: the loops that hold it are too quick for their encoders or motors.
     Shiver,
+    /// The reading of the bus contradicts what the motors show.
+    BusSense,
 }
 
 // In the order of their bits.
@@ -51,6 +53,7 @@ names!(Fault {
     CurrentSense: "current sense",
     Settings: "settings unreadable",
     Shiver: "shivers at rest",
+    BusSense: "bus sense",
 });
 
 /// A set of faults.

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+use crate::plant::electronics::inverter::{Leg, Rail};
 use crate::rig::hardware_fault::{BOOT_TIME, HardwareFault};
 use crate::rig::lossy_network::{Bursts, ChannelParameters};
 use crate::rig::simulated::Processor;
@@ -85,7 +86,7 @@ const fn millis(milliseconds: u64) -> Duration {
 }
 
 /// All that goes wrong.
-pub const CASES: [Case; 32] = [
+pub const CASES: [Case; 37] = [
     link("loss of 30 %", ChannelParameters { loss: 0.3, ..WIFI }),
     link(
         "bursts of 120 ms",
@@ -153,6 +154,25 @@ pub const CASES: [Case; 32] = [
     hardware("current offset of 1 A", HardwareFault::CurrentOffset(1, 620), Promise::Holds),
     hardware("bus sag of 1 V", HardwareFault::BusSag(1.0), Promise::HoldsOrRests),
     hardware("bus sag of 4 V", HardwareFault::BusSag(4.0), Promise::Rests),
+    hardware(
+        "top leg B short to the battery",
+        HardwareFault::Leg(0, 1, Leg::Shorted(Rail::High)),
+        Promise::Rests,
+    ),
+    hardware("divider's wire off", HardwareFault::BusReads(0.0), Promise::Rests),
+    hardware("divider shows half", HardwareFault::BusReads(0.5), Promise::Rests),
+    Case {
+        senses_current: false,
+        ..hardware("divider floats, no current sense", HardwareFault::BusFloats, Promise::Rests)
+    },
+    Case {
+        senses_current: false,
+        ..hardware(
+            "bus misread now and then, no current sense",
+            HardwareFault::BusOutliers(0.0),
+            Promise::Holds,
+        )
+    },
     Case {
         knowable_after: DEADLINE,
         ..hardware(

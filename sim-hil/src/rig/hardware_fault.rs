@@ -3,14 +3,15 @@
 use core::time::Duration;
 
 use flix_firmware::hardware::{
-    Actuation, Bridge, Encoder, EncoderAngle, EncoderReading, Magnet, Sensors,
+    Actuation, Bridge, Encoder, EncoderAngle, EncoderReading, Magnet, Sensors, TICK_US,
 };
 use flix_protocol::units::Instant;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::plant::electronics::Electronics;
+use crate::plant::electronics::inverter::Leg;
 use crate::rig::simulated::{Disturbance, Processor};
 
 /// Time that the boot loader and the start of the software take. Assumed: what an ESP32 takes from flash.
@@ -35,10 +36,18 @@ pub enum HardwareFault {
     BridgeShutDown(usize),
     /// The wire of a phase (0 to 2) of this motor breaks.
     OpenPhase(usize, usize),
+    /// A leg (0 to 2) of this motor's bridge breaks.
+    Leg(usize, usize, Leg),
     /// The amplifier of phase A of this motor reads so many counts too much.
     CurrentOffset(usize, i16),
     /// The battery's open-circuit voltage falls by this, V.
     BusSag(f64),
+    /// The battery's divider shows this share of the bus: none with its wire off.
+    BusReads(f64),
+    /// The divider's pin floats: it shows any share of the bus.
+    BusFloats,
+    /// One reading in each tenth of a second shows this share of the bus, for 1.6 ms.
+    BusOutliers(f64),
     /// The processor does something else than its work.
     Processor(Processor),
 }
@@ -74,6 +83,9 @@ impl Injected {
         match self.fault {
             HardwareFault::OpenPhase(motor, phase) => {
                 electronics.motor_mut(motor).break_wire(phase, is_active);
+            }
+            HardwareFault::Leg(motor, phase, leg) => {
+                electronics.set_leg(motor, phase, if is_active { leg } else { Leg::Good });
             }
             HardwareFault::Magnet(motor, magnet) => {
                 electronics.set_magnet(motor, if is_active { magnet } else { Magnet::Good });
@@ -145,7 +157,17 @@ impl Disturbance for Injected {
         }
     }
 
-    fn sensors(&mut self, _now: Instant, sensors: &mut Sensors) {
+    fn sensors(&mut self, now: Instant, sensors: &mut Sensors) {
+        if let (true, Some(counts)) = (self.is_active, &mut sensors.bus_voltage) {
+            let is_outlier = now.as_micros() % 100_000 < u64::from(16 * TICK_US);
+            let share = match self.fault {
+                HardwareFault::BusReads(share) => share,
+                HardwareFault::BusFloats => self.random.random(),
+                HardwareFault::BusOutliers(share) if is_outlier => share,
+                _ => 1.0,
+            };
+            *counts = (share * f64::from(*counts)) as u16;
+        }
         for (index, encoder) in sensors.encoders.iter_mut().enumerate() {
             self.disturb_encoder(index, encoder);
         }

@@ -251,8 +251,8 @@ fn a_weak_battery_holds_f_close_to_what_its_voltage_allows_and_says_so() {
     for (base, frequency) in [(None, 35.0), (FREE, 35.0), (FREE, -35.0)] {
         let weak = Settings { under_voltage: 5.5, ..Settings::DEFAULT };
         let mut bench = Bench::with(base, weak, HARDWARE);
-        bench.arm();
         bench.bus = 6.4;
+        bench.arm();
         bench.command(frequency, 30.0);
         bench.run(1.5);
         let report = bench.control.report();
@@ -728,8 +728,8 @@ fn rests_after_arming_until_the_first_setpoint() {
 fn a_battery_too_flat_for_f_costs_f_and_not_theta() {
     let weak = Settings { under_voltage: 5.5, ..Settings::DEFAULT };
     let mut bench = Bench::with(FREE, weak, HARDWARE);
-    bench.arm();
     bench.bus = 6.4;
+    bench.arm();
     bench.command(35.0, 30.0);
     bench.run(0.6);
     let held = bench.hold(35.0, 30.0, 0.3);

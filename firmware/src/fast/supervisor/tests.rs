@@ -611,9 +611,13 @@ fn every_way_to_rest_takes_its_time() {
         ("the same, armed", under(Desk::armed()), &[(REST, ramp), (Drive::Brake, brake - ramp)]),
         ("the same, aligning", under(Desk::aligning()), &[(Drive::Brake, brake), (Drive::Off, 0)]),
         (
-            "over-current",
+            "over-current on either rail",
             over,
-            &[(Drive::Off, COAST_TICKS.into()), (Drive::Brake, brake - usize::from(COAST_TICKS))],
+            &[
+                (Drive::Off, COAST_TICKS.into()),
+                (Drive::BrakeHigh, usize::from(RAIL_TICKS) + 1),
+                (Drive::Brake, brake - usize::from(COAST_TICKS + RAIL_TICKS) - 1),
+            ],
         ),
         ("both voltages", both, &[(Drive::Brake, usize::from(u16::MAX))]),
         ("over-speed", speed, &[(Drive::Brake, usize::from(u16::MAX))]),
@@ -624,6 +628,34 @@ fn every_way_to_rest_takes_its_time() {
             let ticks = if *ticks == 0 { have.1 } else { *ticks };
             assert_eq!(*have, (*drive, ticks), "{name}: {course:?}");
         }
+    }
+}
+
+#[test]
+fn what_is_over_current_while_the_low_sides_brake_is_braked_by_the_high_sides_until_the_robot_is_armed_anew()
+ {
+    for first in [Fault::OverCurrent, Fault::CurrentSense] {
+        let mut desk = Desk::running().faulted(first);
+        desk.tick();
+        desk.present = Faults::NONE;
+        for _ in 0..COAST_TICKS {
+            desk.tick();
+        }
+        assert_eq!(desk.tick(), Drive::Brake);
+        desk.present = Faults::NONE.with(Fault::OverCurrent);
+        for _ in 0..RAIL_TICKS {
+            assert_eq!(desk.tick(), Drive::BrakeHigh);
+        }
+        desk.present = Faults::NONE;
+        desk.at_rest = true;
+        for _ in 0..=BRAKE_TICKS {
+            assert_eq!(desk.tick(), Drive::BrakeHigh);
+        }
+        ask(&mut desk, Wanted::Clear);
+        assert_eq!((desk.state(), desk.tick()), (State::Disarmed, Drive::BrakeHigh));
+        ask(&mut desk, Wanted::Arm);
+        ask(&mut desk, Wanted::Off);
+        assert_eq!((desk.state(), desk.tick()), (State::Disarmed, Drive::Brake));
     }
 }
 

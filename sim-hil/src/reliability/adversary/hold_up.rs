@@ -550,9 +550,10 @@ impl Life {
     fn tick(&mut self, kind: Kind) -> Result<(), BenchError> {
         self.overrule();
         let now = self.operation.now();
-        // A program that hung goes on with what it held.
+        // A program that hung goes on with what it held, unless somebody else has asked for a stop since.
         let holds = !self.operation.operators[0].is_gone && self.walks();
-        if self.is_driving || holds && self.stopper.is_none() {
+        let is_overruled = self.stopper.as_ref().is_some_and(|(_, asked, _)| *asked >= self.intent);
+        if self.is_driving || holds && !is_overruled {
             self.intent = now;
         }
         let recorded = &mut self.recorded;

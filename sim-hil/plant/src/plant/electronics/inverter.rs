@@ -43,6 +43,18 @@ impl InverterParameters {
     }
 }
 
+/// How a leg of a bridge is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Leg {
+    /// It does what it is told.
+    #[default]
+    Good,
+    /// It does not switch: it stays at this rail, and lets go where the bridge coasts.
+    Stuck(Rail),
+    /// One of its switches, or its wire, is short to this rail, whatever the bridge does. Its other switch has burnt out.
+    Shorted(Rail),
+}
+
 /// What the bridge does to the motor during a sub-step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Drive {
@@ -50,17 +62,37 @@ pub(super) struct Drive {
     pub(super) terminals: [Terminal; 3],
     /// Share of each phase's charge that the bus gives.
     pub(super) from_bus: [f64; 3],
-    /// Whether diodes carry the current, which then cannot reverse.
+    /// Whether diodes carry the current, which then cannot reverse but in phases that are held.
     pub(super) by_diodes: bool,
+    held: [bool; 3],
 }
 
 impl InverterParameters {
-    pub(super) fn drive(&self, bridge: Bridge, bus: f64, motor: &Motor, sweep: &Sweep) -> Drive {
-        match bridge {
-            Bridge::Duty(duties) => Drive::switched(self.shares(duties, bus, motor), bus),
-            Bridge::Off if self.can_coast => freewheel(bus, motor.phase_currents(), sweep),
-            Bridge::Off => Drive::switched([0.0; 3], bus),
+    pub(super) fn drive(
+        &self,
+        bridge: Bridge,
+        legs: [Leg; 3],
+        bus: f64,
+        motor: &Motor,
+        sweep: &Sweep,
+    ) -> Drive {
+        let coasts = bridge == Bridge::Off && self.can_coast;
+        let held = legs.map(|leg| match leg {
+            Leg::Shorted(rail) => Some(rail),
+            Leg::Stuck(rail) if !coasts => Some(rail),
+            Leg::Good | Leg::Stuck(_) => None,
+        });
+        if coasts {
+            return freewheel(bus, held, motor.phase_currents(), sweep);
         }
+        let mut shares = match bridge {
+            Bridge::Duty(duties) => self.shares(duties, bus, motor),
+            Bridge::Off => [0.0; 3],
+        };
+        for (share, rail) in shares.iter_mut().zip(held) {
+            *share = rail.map_or(*share, |rail| if rail == Rail::High { 1.0 } else { 0.0 });
+        }
+        Drive::switched(shares, bus)
     }
 
     /// Share of the PWM period that each phase spends at the bus.
@@ -84,6 +116,7 @@ impl Drive {
             terminals: shares.map(|share| Some(share * bus)),
             from_bus: shares,
             by_diodes: false,
+            held: [false; 3],
         }
     }
 
@@ -97,28 +130,69 @@ impl Drive {
             }),
             from_bus: rails.map(|rail| if rail == Some(Rail::High) { 1.0 } else { 0.0 }),
             by_diodes: true,
+            held: [false; 3],
         }
     }
 }
 
-/// The side of the bus to which a diode leads.
+/// A side of the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Rail {
+pub enum Rail {
+    /// The negative one.
     Low,
+    /// The positive one.
     High,
 }
 
-/// Where the diodes hold the wires of a coasting motor.
-fn freewheel(bus: f64, currents: [f64; 3], sweep: &Sweep) -> Drive {
-    let rails = currents.map(|current| match current {
+/// Where the diodes hold the wires of a coasting motor, beside those that are held.
+fn freewheel(bus: f64, held: [Option<Rail>; 3], currents: [f64; 3], sweep: &Sweep) -> Drive {
+    let mut rails = currents.map(|current| match current {
         into_motor if into_motor > CURRENT_IS_NONE => Some(Rail::Low),
         out_of_motor if out_of_motor < -CURRENT_IS_NONE => Some(Rail::High),
         _ => None,
     });
-    if rails.iter().any(Option::is_some) {
-        return Drive::by_diodes(bus, rails);
+    let emf = Motor::back_emf(sweep);
+    if held.iter().any(Option::is_some) {
+        return beside_held(bus, held, rails, emf);
     }
-    Drive::by_diodes(bus, rectify(bus, Motor::back_emf(sweep)))
+    if rails.iter().all(Option::is_none) {
+        rails = rectify(bus, emf);
+    }
+    Drive::by_diodes(bus, rails)
+}
+
+/// A wire that neither diode holds floats at the star point's potential plus its back EMF, until that opens a diode.
+fn beside_held(
+    bus: f64,
+    held: [Option<Rail>; 3],
+    mut rails: [Option<Rail>; 3],
+    emf: [f64; 3],
+) -> Drive {
+    let potential = |phase: usize, rails: &[Option<Rail>; 3]| match (held[phase], rails[phase]) {
+        (Some(Rail::High), _) => Some(bus),
+        (Some(Rail::Low), _) => Some(0.0),
+        (None, Some(Rail::High)) => Some(bus + DIODE_DROP),
+        (None, Some(Rail::Low)) => Some(-DIODE_DROP),
+        (None, None) => None,
+    };
+    let stars = (0..3).filter_map(|phase| Some(potential(phase, &rails)? - emf[phase]));
+    let (sum, count) = stars.fold((0.0, 0.0), |(sum, count), star| (sum + star, count + 1.0));
+    for (rail, emf) in rails.iter_mut().zip(emf) {
+        let floats_at = sum / count + emf;
+        *rail = rail.or(match floats_at {
+            high if high > bus + DIODE_DROP => Some(Rail::High),
+            low if low < -DIODE_DROP => Some(Rail::Low),
+            _ => None,
+        });
+    }
+    Drive {
+        terminals: core::array::from_fn(|phase| potential(phase, &rails)),
+        from_bus: core::array::from_fn(|phase| {
+            f64::from(u8::from(held[phase].or(rails[phase]) == Some(Rail::High)))
+        }),
+        by_diodes: true,
+        held: held.map(|rail| rail.is_some()),
+    }
 }
 
 /// Without current, diodes start to conduct only when the back EMF between two phases exceeds the bus.
@@ -145,6 +219,7 @@ pub(super) fn block_reversed(motor: &mut Motor, drive: &Drive) {
     for (phase, current) in currents.iter_mut().enumerate() {
         let out_of_motor = drive.from_bus[phase] > 0.0;
         let reversed = if out_of_motor { *current > 0.0 } else { *current < 0.0 };
+        let reversed = reversed && !drive.held[phase];
         if drive.terminals[phase].is_none() || reversed {
             stopped |= reversed;
             *current = 0.0;

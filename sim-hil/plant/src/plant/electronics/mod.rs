@@ -11,7 +11,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use self::battery::{Battery, BatteryParameters, BusDecay, PAPER_BATTERY};
-use self::inverter::{InverterParameters, block_reversed};
+use self::inverter::{InverterParameters, Leg, block_reversed};
 use self::motor::{ASSUMED_MOTOR, Decay, Motor, MotorParameters};
 use self::ripple::{Sampling, ripple};
 use self::sensor::{
@@ -94,6 +94,8 @@ struct Chain {
     decay: Decay,
     encoder: Encoder,
     current_sensor: Option<CurrentSensor>,
+    /// How the legs of its bridge are.
+    legs: [Leg; 3],
     /// Actuation that is in force.
     bridge: Bridge,
     /// Actuation of the tick before: in force only later than a tick after its samples where the carrier is slow.
@@ -281,6 +283,11 @@ impl Electronics {
         self.magnets[motor] = magnet;
     }
 
+    /// Breaks (or mends) a leg, 0 to 2, of a motor's bridge (0 top, 1 bottom). Panics on others.
+    pub const fn set_leg(&mut self, motor: usize, phase: usize, leg: Leg) {
+        self.chains[motor].legs[phase] = leg;
+    }
+
     /// Returns the battery, to read or to disturb.
     pub fn battery_mut(&mut self) -> &mut Battery {
         &mut self.battery
@@ -346,6 +353,7 @@ impl Chain {
                 .hardware
                 .current_sense
                 .map(|sense| CurrentSensor::built(sense, parameters.amplifier, inverted, random)),
+            legs: [Leg::Good; 3],
             bridge: Bridge::Off,
             before: Bridge::Off,
         }
@@ -366,7 +374,7 @@ impl Chain {
         sweep: &motor::Sweep,
         ledger: &mut Ledger,
     ) -> (f64, f64) {
-        let drive = inverter.drive(self.bridge, bus, &self.motor, sweep);
+        let drive = inverter.drive(self.bridge, self.legs, bus, &self.motor, sweep);
         let step = self.motor.advance(drive.terminals, sweep, &self.decay);
         if drive.by_diodes {
             block_reversed(&mut self.motor, &drive);
