@@ -1242,6 +1242,18 @@ fn a_robot_rests_when_the_connection_of_its_terminal_stands_still() {
 }
 
 #[test]
+fn a_robot_rests_soon_without_a_key_at_a_terminal_that_never_answers() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let desk = Desk::new(operator.command(&["teleop", &address, "--rest-after", "1h"]));
+    desk.is_connected.store(false, std::sync::atomic::Ordering::Relaxed);
+    desk.walk(&served);
+    wait_until(|| served.robot().setpoint == Setpoint::REST);
+    assert_ne!(served.robot().state, State::Disarmed);
+    desk.leave();
+}
+
+#[test]
 fn a_robot_rests_without_keys_and_a_held_key_lets_it_walk() {
     let (served, address) = serve(robot());
     let operator = Operator::new();
