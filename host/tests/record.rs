@@ -166,8 +166,22 @@ fn tables_have_one_line_a_row_and_quote_texts() {
     assert!(columns.len() == 601 && columns.iter().all(|c| *c == columns[0]), "{}", columns[0]);
 }
 
-/// An independent reader: the `mcap` package of PyPI. Missing, the test says so and passes, unless
+/// Returns whether Python has this package of PyPI. Missing, the test says so and passes, unless
 /// `FLIX_REQUIRE_PYTHON_MCAP` is set, as continuous integration does after installing it.
+fn has_package(name: &str) -> bool {
+    let found = Command::new("python3").args(["-c", &format!("import {name}")]).output();
+    let has_it = found.is_ok_and(|output| output.status.success());
+    assert!(
+        has_it || std::env::var_os("FLIX_REQUIRE_PYTHON_MCAP").is_none(),
+        "python3 with the package {name} is required here: pip install {name}"
+    );
+    if !has_it {
+        eprintln!("skipped: python3 has no package {name} (pip install {name})");
+    }
+    has_it
+}
+
+/// An independent reader: the `mcap` package of PyPI.
 #[test]
 fn an_independent_reader_opens_the_record() {
     const SCRIPT: &str = r#"
@@ -185,18 +199,51 @@ with open(sys.argv[1], "rb") as file:
     assert [a.name for a in reader.iter_attachments()] == ["modes.toml"]
     print(len(rows))
 "#;
-    let has_mcap = Command::new("python3").args(["-c", "import mcap"]).output();
-    if !has_mcap.is_ok_and(|output| output.status.success()) {
-        assert!(
-            std::env::var_os("FLIX_REQUIRE_PYTHON_MCAP").is_none(),
-            "python3 with the package mcap is required here: pip install mcap"
-        );
-        eprintln!("skipped: python3 has no package mcap (pip install mcap)");
+    if !has_package("mcap") {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
     let file = write_record(folder.path());
     let output = Command::new("python3").args(["-c", SCRIPT]).arg(&file).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && output.stdout.starts_with(b"600"), "{said}");
+}
+
+/// ROS 2's bags by another reader: the package `rosbags` of PyPI, as above.
+#[test]
+fn an_independent_reader_of_ros_2_opens_the_exported_bag() {
+    const SCRIPT: &str = r#"
+import math, sys
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+types = get_typestore(Stores.ROS2_HUMBLE)
+seen = {}
+with Reader(sys.argv[1]) as bag:
+    for connection, time, data in bag.messages():
+        message = types.deserialize_cdr(data, connection.msgtype)
+        stamp = message.header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == time
+        seen.setdefault(connection.topic, []).append((time, message))
+    assert bag.message_count == sum(map(len, seen.values()))
+poses, twists, batteries = (seen[topic] for topic in ("/pose", "/twist", "/battery_state"))
+assert abs(poses[0][1].pose.position.x - 0.5) < 1e-9 and poses[0][1].header.frame_id == "map"
+(before, one), (now, other) = poses[:2]
+turn = one.pose.orientation
+heading = 2 * math.atan2(turn.z, turn.w)
+way = [getattr(other.pose.position, axis) - getattr(one.pose.position, axis) for axis in "xy"]
+forward = (math.cos(heading) * way[0] + math.sin(heading) * way[1]) / (now - before) * 1e9
+assert twists[0][0] == now and abs(twists[0][1].twist.linear.x - forward) < 0.02 * abs(forward) + 1e-3, (twists[0], forward)
+battery = batteries[0][1]
+assert 5 < battery.voltage < 20 and math.isnan(battery.current) and battery.present and len(battery.cell_voltage) == 0
+print(len(poses))
+"#;
+    if !has_package("rosbags") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let run = Run::read(&write_record(folder.path())).unwrap();
+    let bag = ros2::export(&run, &folder.path().join("bags")).unwrap();
+    let output = Command::new("python3").args(["-c", SCRIPT]).arg(&bag).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && output.stdout.starts_with(b"600"), "{said}");
 }

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 
 use flix_host::record::{
-    Listing, ReadError, Repaired, Run, RunSummary, csv, is_being_written, list, repair,
+    Listing, ReadError, Repaired, Run, RunSummary, csv, is_being_written, list, repair, ros2,
 };
 use flix_host::system::text::{printable, shown};
 use flix_plot::{Figure, record};
@@ -24,7 +24,8 @@ Examples:
   flix runs show last
   flix runs plot last              SVG and PNG beside the record
   flix runs repair last            of a program that was killed
-  flix runs export-csv 20261121 --to tables")]
+  flix runs export-csv 20261121 --to tables
+  flix runs export-ros2 last       for `ros2 bag play`")]
 pub struct Args {
     /// Folder of the output.
     #[arg(long, value_name = "DIR", default_value = "out", global = true)]
@@ -76,6 +77,15 @@ enum Action {
         #[arg(long, value_name = "DIR")]
         to: Option<PathBuf>,
     },
+    /// Export poses, velocity and battery of a run as a bag that `ros2 bag play` plays.
+    ExportRos2 {
+        /// Run: `last`, a part of its name, or its file.
+        #[arg(default_value = "last")]
+        run: String,
+        /// Folder for the bag [default: beside the record].
+        #[arg(long, value_name = "DIR")]
+        to: Option<PathBuf>,
+    },
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, Error> {
@@ -120,6 +130,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Error> {
             for file in csv::export(&run, &beside(&run, to.as_ref()).0)? {
                 print(&format!("{}\n", file.display()))?;
             }
+        }
+        Action::ExportRos2 { run, to } => {
+            let run = find(args, run)?;
+            print(&format!("{}\n", ros2::export(&run, &beside(&run, to.as_ref()).0)?.display()))?;
         }
     }
     Ok(Exit::Done.into())

@@ -155,6 +155,63 @@ fn a_full_disk_leaves_an_exported_file_as_it_was_and_the_new_one_is_printed() {
 }
 
 #[test]
+fn an_error_or_a_kill_at_any_call_leaves_a_file_that_is_replaced_whole() {
+    if !is_installed("strace") {
+        return;
+    }
+    let (_served, address) = serve(robot());
+    let operator = Operator::new();
+    let home = operator.home.path();
+    let record = crate::walked::write_record_of(home, 2);
+    let bytes = std::fs::read(&record).unwrap();
+    std::fs::write(&record, &bytes[..bytes.len() - 40]).unwrap();
+    let stem = record.file_stem().unwrap().to_str().unwrap();
+    let at = |ending: &str| home.join(format!("{stem}{ending}"));
+    let run = record.to_str().unwrap();
+    let to = ["--to", home.to_str().unwrap()];
+    let settings = home.join("walker.toml");
+    let exported = ["parameters", "export", &address, settings.to_str().unwrap()];
+    for (words, file) in [
+        (exported.to_vec(), settings.clone()),
+        ([&["runs", "export-csv", run][..], &to].concat(), at("-pose.csv")),
+        ([&["runs", "export-ros2", run][..], &to].concat(), at("-ros2/bag.mcap")),
+        ([&["runs", "plot", run][..], &to].concat(), at("-track.svg")),
+        (vec!["runs", "repair", run], record.clone()),
+    ] {
+        let _ = std::fs::create_dir(at("-ros2"));
+        if file != record {
+            std::fs::write(&file, "old").unwrap();
+        }
+        let old = std::fs::read(&file).unwrap();
+        let mut flix = match words[0] {
+            "runs" => operator.command_without_key(&words),
+            _ => operator.command(&words),
+        };
+        let part = format!("{}.part", file.display());
+        for call in ["openat", "write", "fsync", "/^rename"] {
+            for harm in ["error=EIO", "signal=KILL"] {
+                let mut strace = Command::new("strace");
+                strace.args(["-f", "-qq", "-o", "/dev/null", "-P", &part, "-e"]);
+                strace.arg(format!("inject={call}:{harm}")).arg(flix.get_program());
+                strace.args(flix.get_args()).current_dir(home);
+                strace.envs(flix.get_envs().filter_map(|(name, value)| Some((name, value?))));
+                let ended = strace.stdin(Stdio::null()).output().unwrap();
+                let said = String::from_utf8_lossy(&ended.stderr);
+                assert!(!ended.status.success(), "{words:?}: no {call} with {harm}");
+                assert!(
+                    harm != "error=EIO" || said.contains("error 5") || said.contains("I/O error"),
+                    "{words:?}, {call}: {said}"
+                );
+                assert!(std::fs::read(&file).unwrap() == old, "{words:?}, {call}, {harm}");
+            }
+        }
+        // What a kill left behind is in nobody's way.
+        Ended(flix.output().unwrap()).expect(0, &[]);
+        assert!(std::fs::read(&file).unwrap() != old && !PathBuf::from(part).exists());
+    }
+}
+
+#[test]
 fn of_two_keys_the_one_that_the_robot_answers_by_is_used_and_kept() {
     let other = Key::new([9; 32]);
     for command in ["status", "stop"] {
@@ -1238,6 +1295,18 @@ fn a_robot_rests_when_the_connection_of_its_terminal_stands_still() {
     assert_eq!(served.robot().setpoint, Setpoint::REST);
     connect(true);
     desk.walk(&served);
+    desk.leave();
+}
+
+#[test]
+fn a_robot_rests_soon_without_a_key_at_a_terminal_that_never_answers() {
+    let (served, address) = serve(robot());
+    let operator = Operator::new();
+    let desk = Desk::new(operator.command(&["teleop", &address, "--rest-after", "1h"]));
+    desk.is_connected.store(false, std::sync::atomic::Ordering::Relaxed);
+    desk.walk(&served);
+    wait_until(|| served.robot().setpoint == Setpoint::REST);
+    assert_ne!(served.robot().state, State::Disarmed);
     desk.leave();
 }
 

@@ -189,7 +189,7 @@ fn every_command_says_on_one_line_that_a_record_has_no_end() {
         [(whole.len() * 2 / 3, ": unfinished: `flix runs repair`"), (whole.len() - 9, ": all rows")]
     {
         std::fs::write(&file, &whole[..length]).unwrap();
-        for command in ["show", "plot", "export-csv"] {
+        for command in ["show", "plot", "export-csv", "export-ros2"] {
             let Output { status, stderr, .. } = flix(&["runs", command, file.to_str().unwrap()]);
             let said = String::from_utf8_lossy(&stderr);
             assert!(status.success() && said.contains(words), "{command}: {said}");
@@ -269,7 +269,7 @@ fn a_record_that_the_list_skips_is_named_with_its_reason() {
     };
     let began = started().duration_since(std::time::UNIX_EPOCH).unwrap().as_nanos() as u64;
     compress(began + 1_000_000_000);
-    for command in ["show", "repair", "plot", "export-csv"] {
+    for command in ["show", "repair", "plot", "export-csv", "export-ros2"] {
         for name in ["packed", "pack"] {
             let (is_well, _, said) = ask(folder.path(), &[command, name]);
             assert!(!is_well && said.contains("mcap decompress"), "{command} {name}: {said}");

@@ -13,13 +13,15 @@
 //! | `/telemetry` | `flix.Telemetry` | telemetry of the robot |
 //!
 //! The file also carries the metadata `run`, `settings` and `versions`, and attachments such as the
-//! mode table. [`Recorder`] writes a record, [`Run`] reads it, [`csv`] exports it; `flix-plot` draws it.
+//! mode table. [`Recorder`] writes a record, [`Run`] reads it, [`csv`] and [`ros2`] export it; `flix-plot`
+//! draws it.
 
 pub mod csv;
 mod message;
 mod parts;
 mod reader;
 mod repair;
+pub mod ros2;
 mod writer;
 
 pub use message::{

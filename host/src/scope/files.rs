@@ -11,13 +11,18 @@ use serde_json::{Map, Value, json};
 
 use super::Capture;
 use crate::record::Timestamp;
+use crate::system::file;
 
 /// Writes a table: seconds since the trigger, then one column for each channel, named with its unit.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub fn write_csv(capture: &Capture, file: &Path) -> Result<(), csv::Error> {
-    let mut table = csv::Writer::from_path(file)?;
+    file::replace(file, |target| write_rows(capture, target))
+}
+
+fn write_rows(capture: &Capture, target: &File) -> Result<(), csv::Error> {
+    let mut table = csv::Writer::from_writer(target);
     let names = capture.channels().iter().map(|it| format!("{it}_{}", it.quantity().unit()));
     table.write_record(std::iter::once("time_s".to_owned()).chain(names))?;
     for row in 0..capture.rows() {
@@ -34,10 +39,14 @@ pub fn write_csv(capture: &Capture, file: &Path) -> Result<(), csv::Error> {
 /// # Errors
 /// When the file cannot be written.
 pub fn write_mcap(capture: &Capture, file: &Path) -> Result<(), mcap::McapError> {
+    file::replace(file, |target| write_messages(capture, target))
+}
+
+fn write_messages(capture: &Capture, target: &File) -> Result<(), mcap::McapError> {
     let mut writer = WriteOptions::new()
         .compression(None)
         .library(crate::system::program::get())
-        .create(BufWriter::new(File::create(file)?))?;
+        .create(BufWriter::new(target))?;
     let schema = schema(capture).to_string();
     let schema = writer.add_schema("flix.Scope", "jsonschema", schema.as_bytes())?;
     let channel = writer.add_channel(schema, "/scope", "json", &BTreeMap::new())?;
@@ -58,6 +67,7 @@ pub fn write_mcap(capture: &Capture, file: &Path) -> Result<(), mcap::McapError>
         writer.write_to_known_channel(&header, &message)?;
     }
     writer.finish()?;
+    writer.into_inner().into_inner().map_err(|error| mcap::McapError::Io(error.into_error()))?;
     Ok(())
 }
 

@@ -187,7 +187,7 @@ impl Cockpit {
         let patience = attention.patience().as_secs();
         if unsure.is_some() && !was_unsure {
             let text = format!(
-                "it is not known whether anybody sees this terminal (mosh, editors): a walk ends after {patience} s without a key"
+                "it is not known whether anybody sees this terminal (mosh, editors, no answer): a walk ends after {patience} s without a key"
             );
             self.note(now, Weight::Warning, &text);
         }

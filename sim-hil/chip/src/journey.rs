@@ -379,10 +379,14 @@ impl Desk<'_> {
             let child = command.spawn()?;
             let (drawn, shown) = channel();
             std::thread::spawn(move || {
-                let mut bytes = [0; 4096];
+                let (mut unasked, mut bytes) = (String::new(), [0; 4096]);
                 // A terminal whose program has ended is an error to read.
-                while let Ok(1..) = screen.read(&mut bytes) {
+                while let Ok(length @ 1..) = screen.read(&mut bytes) {
                     let _ = drawn.send(());
+                    unasked.push_str(&String::from_utf8_lossy(&bytes[..length]));
+                    for answer in answers(&mut unasked) {
+                        let _ = screen.write_all(answer.as_bytes());
+                    }
                 }
             });
             Ok((child, keys, shown))
@@ -439,6 +443,18 @@ impl Desk<'_> {
     fn fail(&mut self, failure: String) {
         self.journey.failures.push(failure);
     }
+}
+
+/// Takes the questions for the cursor's place (ECMA-48's DSR 6) off the front of a program's output, and returns a terminal's
+/// answers: the place to which the program has just set it.
+fn answers(output: &mut String) -> Vec<String> {
+    let mut answers = Vec::new();
+    while let Some((before, after)) = output.split_once("\x1b[6n") {
+        let place = before.rsplit("\x1b[").next().and_then(|last| last.strip_suffix('H'));
+        answers.push(format!("\x1b[{}R", place.unwrap_or("1;1")));
+        *output = after.to_owned();
+    }
+    answers
 }
 
 fn has_logged(live: &Live, from: usize, text: &str) -> bool {

@@ -206,6 +206,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         self.weight = np.full(num_envs, GRAVITY * _mass(self.model))
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self.done = np.ones(num_envs, dtype=bool)
+        self.first, self.start = 0, self.path[0]
         self.place = np.zeros(num_envs, dtype=np.int64)
         #: How far behind the farthest place that it trembles about, m.
         self.behind = np.zeros(num_envs)
@@ -220,9 +221,13 @@ class FlixWalkerVectorEnv(VectorEnv):
         if task == "path":
             self._lay(_distinct(self.path))
 
-    def _lay(self, path: np.ndarray) -> None:
-        """Take these points for the path, and find places at even distances on it."""
-        self.path = path
+    def _lay(self, given: np.ndarray) -> None:
+        """Take these points for the path, and find places at even distances on it: the same ones, whichever point is the first."""
+        # From its lowest x on; of several such points from the one that what follows puts first.
+        lowest = np.flatnonzero(given[:, 0] == given[:, 0].min())
+        first = min(lowest, key=lambda point: np.roll(given, -point, axis=0).tolist())
+        self.start, self.path = given[0], np.roll(given, -first, axis=0)
+        path = self.path
         sides = np.hypot(*np.diff(path, axis=0, append=path[:1]).T)
         self.reach = reach = FASTEST_M_S * self.interval
         length = float(sides.sum())
@@ -233,6 +238,8 @@ class FlixWalkerVectorEnv(VectorEnv):
         at, ends = self.spacing * np.arange(count), np.append(np.cumsum(sides) - sides, length)
         closed = np.vstack([path, path[:1]])
         self.places = np.column_stack([np.interp(at, ends, closed[:, axis]) for axis in range(2)])
+        #: The place of the start.
+        self.first = round(ends[-first % len(path)] / self.spacing) % count
         #: The point of the path that is nearest along it, for each place.
         self.point = np.searchsorted(0.5 * (ends[1:] + ends[:-1]), at, side="right") % len(path)
         steps = max(2, int(np.ceil(max(reach, min(BESIDE_M, length / 8)) / self.spacing)))
@@ -355,7 +362,7 @@ class FlixWalkerVectorEnv(VectorEnv):
         """Return what another environment has to have alike to go on from a state of this one."""
         drawn = list(self.randomize.items())
         when = self.interval, self.step_s, self.limit, self.autoreset_mode
-        return type(self).__name__, self.num_envs, self.task, self.actions, self.model, drawn, self.path.tolist(), *when
+        return type(self).__name__, self.num_envs, self.task, self.actions, self.model, drawn, self.path.tolist(), self.start.tolist(), *when
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what `get_state` returned, with the same bits; what is filmed begins anew."""
@@ -452,7 +459,7 @@ class FlixWalkerVectorEnv(VectorEnv):
                 angle, distance = random.uniform(-np.pi, np.pi), random.uniform(0.1, 0.5)
                 positions.append([distance * np.cos(angle), distance * np.sin(angle)])
             elif self.task == "path":
-                positions.append(self.path[0])
+                positions.append(self.start)
             else:
                 positions.append([0.0, 0.0])
         try:
@@ -468,7 +475,7 @@ class FlixWalkerVectorEnv(VectorEnv):
             self.weight[robots] = [GRAVITY * _mass(model) for model in models]
         self.steps[robots] = 0
         self.done[robots] = False
-        self.place[robots] = 0
+        self.place[robots] = self.first
         self.behind[robots] = 0.0
         self.credit[robots] = CREDIT_M
         self.owed[robots] = 0.0

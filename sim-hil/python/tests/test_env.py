@@ -302,7 +302,7 @@ def test_a_path_that_turns_back_has_a_direction_everywhere(path: list[list[float
     envs = FlixWalkerPathVectorEnv(2, path=path, threads=1)
     assert np.allclose(np.abs(envs.tangent), [1.0, 0.0])
     envs.reset(seed=1)
-    envs.batch.reset([1, 2], positions=envs.path[[0, 0]] + [[0, 0.02], [0, 0.3]])
+    envs.batch.reset([1, 2], positions=envs.start + [[0, 0.02], [0, 0.3]])
     _, reward, terminated, *_ = envs.step(np.zeros((2, 2)))
     assert np.isfinite(reward).all() and terminated.tolist() == [False, True]
 
@@ -329,7 +329,7 @@ def test_a_path_that_turns_back_is_followed_to_its_tip_and_back(
 ) -> None:
     envs = version(40, path=path, threads=1)
     envs.reset(seed=1)
-    start, tip = envs.path[0, 0], 0.4 - envs.path[0, 0]
+    start, tip = envs.start[0], 0.4 - envs.start[0]
     out = np.column_stack([np.linspace(start, tip, 30), np.zeros(30)])
     assert follow(envs, out[1:]) == pytest.approx(0.4, abs=0.005)
     assert follow(envs, out[::-1]) == pytest.approx(0.4, abs=0.005)
@@ -404,6 +404,28 @@ def test_who_cuts_across_short_lanes_is_paid_for_little_more_than_he_walks(
     follow(envs, np.column_stack([out, np.zeros_like(out)]))
     across = np.arange(0.0, 39 * gap, stride)
     assert follow(envs, np.column_stack([np.full_like(across, share * lane), across])) < 1.5 * 39 * gap + 0.05
+
+
+@pytest.mark.parametrize("version", [FlixWalkerPathVectorEnv, FlixWalkerVectorEnv])
+@pytest.mark.parametrize("path", [flixwalker.env.figure_eight(), NARROW, SPIRAL])
+def test_the_first_point_of_a_path_is_where_it_begins_and_nothing_else(
+    version: type[FlixWalkerVectorEnv], path: np.ndarray
+) -> None:
+    def rewards(first: int) -> list[float]:
+        envs = version(1, path=np.roll(path, -first, axis=0), threads=1)
+        envs.reset(seed=1)
+        assert np.hypot(*(envs.batch.position[0, :2] - path[first])) < 2e-3
+        assert np.hypot(*(envs.places[envs.place[0]] - path[first])) < 2e-3
+        envs.place[:] = 100
+        follow(envs, envs.places[100:101])
+        earned = []
+        for place in envs.places[100:200:7] + 3e-3:
+            envs.batch.reset([1], positions=[place])
+            earned.append(float(envs._reward(np.zeros(1))[0]))
+            earned += envs._observe()[0, :9].tolist()
+        return earned
+
+    assert rewards(0) == rewards(1) == rewards(len(path) - 1)
 
 
 def test_generators_that_are_set_for_many_draw_their_starts() -> None:

@@ -312,10 +312,14 @@ impl Typing {
         self.asked.front().is_some_and(|oldest| now.saturating_sub(oldest.at) <= UNANSWERED)
     }
 
+    /// Returns whether a question was not answered in time.
+    fn is_silent(&self, now: Duration) -> bool {
+        self.asked.front().is_some_and(|oldest| now.saturating_sub(oldest.at) > UNANSWERED)
+    }
+
     /// Returns whether a terminal that answers has not for long.
     fn is_unanswered(&self, now: Duration) -> bool {
-        let oldest = self.asked.front().filter(|_| self.shown.is_some());
-        oldest.is_some_and(|oldest| now.saturating_sub(oldest.at) > UNANSWERED)
+        self.shown.is_some() && self.is_silent(now)
     }
 
     /// Takes what a terminal reported at this time.
@@ -450,7 +454,9 @@ impl Typing {
         let ready = Typed { seen, ..Typed::default() };
         let pressed = self.since.take().map_or(Duration::ZERO, |since| now.saturating_sub(since));
         let ready = std::mem::replace(&mut self.ready, ready);
-        let (is_unwatched, is_unsure) = (self.is_unwatched, self.is_unsure);
+        // A terminal that never answers may be gone, and its session kept.
+        let is_mute = self.shown.is_none() && self.is_silent(now);
+        let (is_unwatched, is_unsure) = (self.is_unwatched, self.is_unsure || is_mute);
         Typed { is_unwatched, is_unsure, pressed, ..ready }
     }
 
@@ -534,11 +540,14 @@ mod tests {
             typing.report(ms(at), key(KeyCode::Char('w')));
             typing.take(ms(at) + APART)
         };
-        // A terminal that never answers is taken as it is.
+        // The keys of a terminal that never answers count, but nobody may see it.
         let first = typing.ask(ms(100), moment(100), SIZE).unwrap();
-        assert!(walks(&type_w(&mut typing, 200)) && walks(&type_w(&mut typing, 3_000)));
+        let [early, late] = [200, 3_000].map(|at| type_w(&mut typing, at));
+        assert!(walks(&early) && walks(&late));
+        assert_eq!([early.is_unsure, late.is_unsure], [false, true]);
         typing.report(ms(3_010), Report::Cursor(first));
-        assert_eq!(typing.take(ms(3_020)).seen, None);
+        let answered = typing.take(ms(3_020));
+        assert_eq!((answered.seen, answered.is_unsure), (None, false));
         // While the connection stands still, the terminal is asked once a second, and every key that arrives is old.
         let asked: Vec<_> =
             (3_100..8_000).step_by(33).map(|at| typing.ask(ms(at), moment(at), SIZE)).collect();

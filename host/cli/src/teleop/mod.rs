@@ -18,7 +18,7 @@ use flix_shell::Error;
 ///
 /// Works over SSH, in a terminal of at least 80 by 24 characters. Ctrl-C, a signal and a closed
 /// terminal stop the robot first. It rests when the terminal loses the focus, when nobody is attached to
-/// tmux, screen, zellij or dtach, and after --rest-after without a key (behind mosh 5 s). The mouse, pasted text and other keys that come
+/// tmux, screen, zellij or dtach, and after --rest-after without a key (behind mosh, and at a terminal that answers no question, 5 s). The mouse, pasted text and other keys that come
 /// in one go do nothing.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
