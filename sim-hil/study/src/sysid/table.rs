@@ -17,14 +17,16 @@ pub struct Table<const N: usize> {
 }
 
 impl<const N: usize> Table<N> {
-    /// Reads it, if it is there.
+    /// Reads it, if it is there: each line, from 1, with its row.
     ///
     /// # Errors
     /// When it is refused, with file, line and column.
-    pub fn read(&self, folder: &Path) -> Result<Option<Vec<[f64; N]>>, MeasuredError> {
+    pub fn read(&self, folder: &Path) -> Result<Option<Vec<(u64, [f64; N])>>, MeasuredError> {
         let lines = self.read_with(folder, &[])?;
         let row = |row: &Vec<f64>| core::array::from_fn(|i| row[i]);
-        Ok(lines.map(|lines| lines.rows.iter().map(|(_, values)| row(values)).collect()))
+        let all =
+            |lines: Lines| lines.rows.iter().map(|(line, values)| (*line, row(values))).collect();
+        Ok(lines.map(all))
     }
 
     /// Reads it with further columns that it may have.
