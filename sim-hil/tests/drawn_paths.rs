@@ -29,7 +29,7 @@ fn drawn(seed: u64) -> Path {
         0 => {
             let rays = draw(5.0, 9.0) as u32;
             let corner = |index: u32| {
-                let [low, high] = if index % 2 == 0 { [0.3, 0.5] } else { [0.12, 0.25] };
+                let [low, high] = if index.is_multiple_of(2) { [0.3, 0.5] } else { [0.12, 0.25] };
                 let (sin, cos) = (PI * f64::from(index) / f64::from(rays)).sin_cos();
                 let radius = draw(low, high);
                 [radius * cos, radius * sin]
@@ -71,7 +71,7 @@ fn drawn(seed: u64) -> Path {
             let (gap, length) = (draw(0.06, 0.15), draw(0.4, 0.8));
             let lane = |index: u32| {
                 let y = gap * f64::from(index);
-                let ends = if index % 2 == 0 { [0.0, length] } else { [length, 0.0] };
+                let ends = if index.is_multiple_of(2) { [0.0, length] } else { [length, 0.0] };
                 ends.map(|x| [x, y])
             };
             (0..lanes).flat_map(lane).collect()

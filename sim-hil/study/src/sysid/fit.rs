@@ -227,7 +227,7 @@ impl<'a> Fit<'a> {
             let readings = (0..block.residual.len()).filter_map(|index| {
                 let place = block.experiment.place(index).filter(|place| place.line == line)?;
                 let slope = block.jacobian.row(index);
-                let open = (&slope * &self.posterior.covariance).dot(&slope);
+                let open = (slope * &self.posterior.covariance).dot(&slope);
                 let noise = block.noise[block.experiment.kind_of(index)];
                 Some((index, place, open.max(0.0).sqrt().hypot(noise)))
             });

@@ -412,7 +412,9 @@ mod tests {
             ("legs.csv", legs::TABLE.to_csv(&[], &bend(&robot, &mut chance, 1.0).unwrap())),
             ("drag.csv", drag::TABLE.to_csv(&[], &pull(&robot, &mut chance, 1.0).unwrap())),
         ];
-        let found = |slip: Option<(&str, usize, usize, fn(f64) -> String)>| {
+        // File, line from 1, column from 0, and what the pen makes of the value.
+        type Slipped<'a> = (&'a str, usize, usize, fn(f64) -> String);
+        let found = |slip: Option<Slipped<'_>>| {
             let folder = tempfile::tempdir().unwrap();
             for (name, text) in &tables {
                 let mut rows: Vec<Vec<String>> =
@@ -430,7 +432,7 @@ mod tests {
         assert_eq!(clean.slips, []);
         let shift = |value: f64| (10.0 * value).to_string();
         let flip = |value: f64| (-value).to_string();
-        let slips: [(&str, usize, usize, fn(f64) -> String); 5] = [
+        let slips: [Slipped<'_>; 5] = [
             ("scales.csv", 4, 3, shift),
             ("legs.csv", 2, 7, flip),
             ("legs.csv", 4, 8, shift),

@@ -16,12 +16,15 @@ pub struct Table<const N: usize> {
     pub fewest: usize,
 }
 
+/// Rows of a file, each with its line, from 1.
+pub type Numbered<const N: usize> = Vec<(u64, [f64; N])>;
+
 impl<const N: usize> Table<N> {
     /// Reads it, if it is there: each line, from 1, with its row.
     ///
     /// # Errors
     /// When it is refused, with file, line and column.
-    pub fn read(&self, folder: &Path) -> Result<Option<Vec<(u64, [f64; N])>>, MeasuredError> {
+    pub fn read(&self, folder: &Path) -> Result<Option<Numbered<N>>, MeasuredError> {
         let lines = self.read_with(folder, &[])?;
         let row = |row: &Vec<f64>| core::array::from_fn(|i| row[i]);
         let all =
