@@ -324,7 +324,7 @@ fn a_closed_path_with_a_spur_is_walked_once_round_in_100_s() {
 
 #[test]
 fn paths_as_people_draw_them_are_walked_once_round() {
-    // A star, a rectangle with spurs, a hypocycloid. `statistics` has thirty.
+    // A star, a rectangle with spurs, a hypocycloid.
     [5, 6, 7].into_iter().for_each(crate::drawn_paths::assert_walked);
 }
 

@@ -8,14 +8,8 @@ use flix_host::pilot::steering::names;
 use flix_host::pilot::{Ending, Pilot};
 use flix_sim::experiment::course::{Conditions, Course};
 use flix_sim::model::{RobotModel, stranger};
-use rayon::prelude::*;
 
 const LATENCY: Duration = Duration::from_millis(20);
-
-#[test]
-fn thirty_paths_as_people_draw_them_are_walked_once_round() {
-    (1_u64..=30).into_par_iter().for_each(crate::drawn_paths::assert_walked);
-}
 
 #[test]
 fn by_experience_alone_strangers_are_steered_along_a_circle_within_25_mm() {
