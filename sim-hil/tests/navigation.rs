@@ -322,6 +322,12 @@ fn a_closed_path_with_a_spur_is_walked_once_round_in_100_s() {
     }
 }
 
+#[test]
+fn paths_as_people_draw_them_are_walked_once_round() {
+    // A star, a rectangle with spurs, a hypocycloid.
+    [5, 6, 7].into_iter().for_each(crate::drawn_paths::assert_walked);
+}
+
 /// Returns how a walk along a circle ends with so many pictures a second, and how often robots change between rest and walk a second.
 fn walked_with(pictures: f64) -> (Ending, f64, f64) {
     let path = Path::circle(0.3).unwrap();

@@ -3,5 +3,6 @@
 
 mod citations;
 mod documents;
+mod drawn_paths;
 mod navigation;
 mod whole_robot;

@@ -258,7 +258,13 @@ impl Batch {
         block.set_push(lane, push);
     }
 
-    /// Advances all robots by so many steps of `step` seconds, on all cores.
+    /// Returns the longest step, s, that the contact of all robots' feet takes: in longer ones the floor throws feet up.
+    #[must_use]
+    pub fn longest_step(&self) -> f64 {
+        self.blocks.iter().map(|block| block.longest_step()).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Advances all robots by so many steps of `step` seconds, on all cores: at most [`Batch::longest_step`].
     pub fn run(&mut self, steps: usize, step: f64) {
         match &mut self.blocks[..] {
             // Nothing to share: no need to wake anybody.

@@ -335,6 +335,12 @@ impl Batch {
             )));
         }
         let steps = whole_steps(seconds, step)?;
+        let longest = self.engine.lock(py)?.longest_step();
+        if step > longest {
+            return Err(PyValueError::new_err(format!(
+                "step is {step} s: the contact of a robot's feet is stable up to {longest:.2e} s: choose that or less, or a lower contact.stiffness_n_per_m"
+            )));
+        }
         if step > LONGEST_SURE_STEP {
             let warning = c"with steps beyond 0.00025 s walks are off by more than 1 %, by 10 % at 0.001 s: choose 0.0001 s";
             PyErr::warn(py, &py.get_type::<PyUserWarning>(), warning, 1)?;

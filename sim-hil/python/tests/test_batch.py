@@ -96,6 +96,9 @@ def test_bad_input_says_what_to_do() -> None:
         batch.set_drive(1.0, 0.0, robots=[3])
     with pytest.raises(ValueError, match="step is 0.01"):
         batch.run(1.0, 0.01)
+    stiff = MODEL.replace({"contact.stiffness_n_per_m": 1e6})
+    with pytest.raises(ValueError, match="stable up to .* choose that or less"):
+        Batch([stiff] * 2).run(0.1, 1e-3)
     with pytest.raises(ValueError, match="positions hold inf"):
         batch.reset([1], robots=[0], positions=[[np.inf, 0.0]])
     with pytest.raises(ValueError, match="1 seeds for 3 robots"):

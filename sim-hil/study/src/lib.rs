@@ -37,10 +37,12 @@ mod table;
 pub use journal::{Earlier, JournalError};
 pub use table::{TableError, merge, read, write};
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
+use flix_host::system::file;
 use flix_host::system::interrupt::Interrupt;
 use flix_sim::study::{
     Fingerprint, Row, Shard, Study, Table, all_columns, batches, rows as rows_of,
@@ -207,13 +209,7 @@ pub fn progress(steps: u64, what: &'static str) -> ProgressBar {
 /// Writes a file that appears whole or not at all.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
-    let partial = path.with_added_extension("partial");
-    std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path)).inspect_err(
-        |_| {
-            // What is left of it is of no use to anybody.
-            let _ = std::fs::remove_file(&partial);
-        },
-    )
+    file::replace(path, |mut new| new.write_all(bytes))
 }
 
 #[cfg(test)]

@@ -172,6 +172,7 @@ fn drops_are_cut_out_of_what_the_cameras_see_and_read_by_the_study() {
     let mut sheet = Sheet::open(folder.path(), "drops", &drops::COLUMNS).unwrap();
     sheet.append("test", &drops.rows(sheet.last())).unwrap();
     let rows = study_drops::TABLE.read(folder.path()).unwrap().unwrap();
+    let rows: Vec<_> = rows.into_iter().map(|(_, row)| row).collect();
     let measured = study_drops::Drops::new(&rows).unwrap();
     // A release that is dated wrongly by 3 ms shows 2 mm at the touch.
     let simulated = measured.simulate(&model, 7).unwrap();

@@ -146,6 +146,13 @@ impl Air {
             let signals: Vec<Vec<f64>> = (0..channels)
                 .map(|i| column(5 + i).into_iter().map(|value| unit(i) * value).collect())
                 .collect();
+            if let Some(seen) = aliased(&phases) {
+                let advice = format!(
+                    "aliasing: f is a multiple of a part of the cameras' rate, so that they see {seen} phases of each turn alone: take \
+                     another rate (250 Hz is plenty) or another f"
+                );
+                return Err(place(*line, 4, &advice));
+            }
             let found = lock_in(&column(3), &phases, &signals).ok_or_else(|| {
                 place(*line, 4, "this test has too few samples, or its phase_deg does not turn")
             })?;
@@ -154,6 +161,25 @@ impl Air {
         }
         Ok(Some(air))
     }
+}
+
+/// Phases of each turn by which a component cannot be told from its second harmonic, or its cosine from its sine.
+const FEW_PHASES: usize = 4;
+/// Pictures whose phases are as much alike, from 0 to 1, are pictures of the same phases.
+const ALIKE: f64 = 0.95;
+
+/// Returns how many phases, rad, the pictures show, where these are too few.
+fn aliased(phases: &[f64]) -> Option<usize> {
+    let turns = phases.last()? - phases.first()?;
+    let alike = |count: &usize| {
+        let sum = phases.iter().fold([0.0, 0.0], |[x, y], phase| {
+            let (sin, cos) = (*count as f64 * phase).sin_cos();
+            [x + cos, y + sin]
+        });
+        sum[0].hypot(sum[1]) > ALIKE * phases.len() as f64
+    };
+    // One that does not turn is refused as that.
+    (1..=FEW_PHASES).find(alike).filter(|_| turns.abs() > core::f64::consts::TAU)
 }
 
 impl Air {

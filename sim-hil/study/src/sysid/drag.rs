@@ -1,6 +1,6 @@
 //! Each foot dragged over the floor under a known load: its friction, and whether it has a direction.
 
-use super::fit::{Experiment, GAIN, Sensor};
+use super::fit::{Experiment, GAIN, Place, Sensor};
 use super::table::{Column, Table};
 use super::unknowns::Kind;
 use flix_sim::experiment::probe::ProbeError;
@@ -29,6 +29,8 @@ const NOISE: f64 = 0.03;
 /// Drags.
 #[derive(Debug, Clone)]
 pub struct Drag {
+    /// Of each drag; none of planned ones.
+    lines: Vec<u64>,
     /// Leg and load, N.
     loads: Vec<(usize, f64)>,
     /// Drag over load.
@@ -38,8 +40,16 @@ pub struct Drag {
 impl Drag {
     /// Takes the rows of a file.
     #[must_use]
+    pub fn read(rows: &[(u64, [f64; 4])]) -> Self {
+        let (lines, rows): (_, Vec<_>) = rows.iter().copied().unzip();
+        Self { lines, ..Self::new(&rows) }
+    }
+
+    /// Takes rows that stand in no file.
+    #[must_use]
     pub fn new(rows: &[[f64; 4]]) -> Self {
         Self {
+            lines: Vec::new(),
             loads: rows.iter().map(|row| (row[0] as usize, row[2])).collect(),
             measured: rows.iter().map(|row| row[3] / row[2]).collect(),
         }
@@ -86,5 +96,10 @@ impl Experiment for Drag {
 
     fn kind_of(&self, _: usize) -> usize {
         0
+    }
+
+    fn place(&self, reading: usize) -> Option<Place> {
+        let unit = self.loads[reading].1.recip();
+        Some(Place { line: *self.lines.get(reading)?, column: TABLE.columns[3].name, unit })
     }
 }

@@ -7,6 +7,7 @@
 //! the parameters `p` that they determine, and a first guess `s0` that counts as `n0` readings.
 
 use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
 
 use super::unknowns::{Kind, Unknown, apply};
 use flix_sim::experiment::probe::ProbeError;
@@ -19,6 +20,34 @@ pub struct Sensor {
     pub name: &'static str,
     /// Standard deviation.
     pub spread: f64,
+}
+
+/// Where a reading stands in its file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Line, from 1.
+    pub line: u64,
+    /// Name of the column.
+    pub column: &'static str,
+    /// The reading over the value in the file.
+    pub unit: f64,
+}
+
+/// A line that does not fit the others, and is left out: a slip of the pen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Slip {
+    /// Names the experiment.
+    pub experiment: &'static str,
+    /// Line of its file, from 1.
+    pub line: u64,
+    /// Column of the value that fits worst.
+    pub column: &'static str,
+    /// The value, in the column's unit.
+    pub value: f64,
+    /// Value that the other lines predict.
+    pub expected: f64,
+    /// Standard deviation of that.
+    pub deviation: f64,
 }
 
 /// Gain error of a good sensor, as a share.
@@ -52,6 +81,10 @@ pub trait Experiment: Sync + Send {
     fn noise(&self) -> Vec<f64>;
     /// The kind of a reading, as an index of [`Experiment::noise`].
     fn kind_of(&self, reading: usize) -> usize;
+    /// Returns where a reading stands in the file; nothing for a reading that is planned, or computed from many lines.
+    fn place(&self, _reading: usize) -> Option<Place> {
+        None
+    }
 }
 
 /// How many readings the guess of the noise counts as.
@@ -66,6 +99,10 @@ const MOST_STEPS: usize = 12;
 const SETTLED: f64 = 0.03;
 /// Halvings of a step that does not better the fit.
 const HALVINGS: usize = 6;
+/// A line with a reading as many standard deviations off the fit is a slip of the pen. Chance shows one in 500 million readings.
+const SLIPPED: f64 = 6.0;
+/// Most lines that are left out of an experiment.
+const MOST_SLIPS: usize = 3;
 
 /// An experiment inside a fit.
 struct Block<'a> {
@@ -77,6 +114,8 @@ struct Block<'a> {
     noise: Vec<f64>,
     /// Readings less what is predicted at the present point.
     residual: DVector<f64>,
+    /// Lines of the file that are left out.
+    left_out: Vec<u64>,
     jacobian: DMatrix<f64>,
     /// Where the Jacobian was taken.
     taken: Option<DVector<f64>>,
@@ -155,6 +194,22 @@ impl<'a> Fit<'a> {
         self.join(experiment);
         let residuals = self.residuals(&self.posterior.mean)?;
         self.accept(self.posterior.mean.clone(), residuals);
+        self.search()?;
+        for _ in 0..MOST_SLIPS {
+            let Some(block) = self.blocks.last_mut() else { break };
+            let Some(line) = block.slipped() else { break };
+            block.left_out.push(line);
+            block.noise = block.experiment.noise();
+            self.search()?;
+        }
+        if let Some(factor) = self.precision().cholesky() {
+            self.posterior.covariance = factor.inverse();
+        }
+        Ok(())
+    }
+
+    /// Goes to the minimum.
+    fn search(&mut self) -> Result<(), ProbeError> {
         for _ in 0..MOST_STEPS {
             self.linearise()?;
             let step = self.step();
@@ -162,10 +217,38 @@ impl<'a> Fit<'a> {
                 break;
             }
         }
-        if let Some(factor) = self.precision().cholesky() {
-            self.posterior.covariance = factor.inverse();
-        }
         Ok(())
+    }
+
+    /// Returns the lines that are left out.
+    #[must_use]
+    pub fn slips(&self) -> Vec<Slip> {
+        let of = |block: &Block<'_>, line: u64| {
+            let readings = (0..block.residual.len()).filter_map(|index| {
+                let place = block.experiment.place(index).filter(|place| place.line == line)?;
+                let slope = block.jacobian.row(index);
+                let open = (slope * &self.posterior.covariance).dot(&slope);
+                let noise = block.noise[block.experiment.kind_of(index)];
+                Some((index, place, open.max(0.0).sqrt().hypot(noise)))
+            });
+            let off = |(index, _, deviation): &(usize, Place, f64)| {
+                block.residual[*index].abs() / deviation
+            };
+            let (index, place, deviation) = readings.max_by(|a, b| off(a).total_cmp(&off(b)))?;
+            let value = block.experiment.measured()[index];
+            Some(Slip {
+                experiment: block.experiment.name(),
+                line,
+                column: place.column,
+                value: value / place.unit,
+                expected: (value - block.residual[index]) / place.unit,
+                deviation: deviation / place.unit,
+            })
+        };
+        let lines = |block: &Block<'_>| {
+            block.left_out.iter().filter_map(|line| of(block, *line)).collect::<Vec<_>>()
+        };
+        self.blocks.iter().flat_map(lines).collect()
     }
 
     /// Returns the covariance that one more experiment would leave, before anybody makes it.
@@ -201,6 +284,7 @@ impl<'a> Fit<'a> {
             first,
             noise: experiment.noise(),
             residual: DVector::zeros(readings),
+            left_out: Vec::new(),
             jacobian: DMatrix::zeros(readings, count),
             taken: None,
         });
@@ -324,7 +408,7 @@ impl<'a> Fit<'a> {
             // What each reading determines: the diagonal of J C J^T W.
             let known = &block.jacobian * &self.posterior.covariance;
             let mut sums = vec![(0.0, 0.0); guesses.len()];
-            for index in 0..block.residual.len() {
+            for index in block.used() {
                 let (square, free) = &mut sums[block.experiment.kind_of(index)];
                 let leverage = known.row(index).dot(&block.jacobian.row(index));
                 *square += block.residual[index].powi(2);
@@ -344,14 +428,14 @@ impl<'a> Fit<'a> {
     #[must_use]
     pub fn fitted(&self) -> Vec<Fitted> {
         let each = self.blocks.iter().map(|block| {
-            let measured = block.experiment.measured().iter();
-            let readings = measured.zip(block.residual.iter()).map(|(y, r)| (*y, y - r));
+            let measured = block.experiment.measured();
+            let readings = block.used().map(|i| (measured[i], measured[i] - block.residual[i]));
             Fitted {
                 name: block.experiment.name(),
                 readings: readings.collect(),
                 noise: block.noise.clone(),
                 guess: block.experiment.noise(),
-                kinds: (0..block.residual.len()).map(|i| block.experiment.kind_of(i)).collect(),
+                kinds: block.used().map(|i| block.experiment.kind_of(i)).collect(),
             }
         });
         each.collect()
@@ -373,8 +457,49 @@ impl Block<'_> {
         DVector::from_column_slice(self.experiment.measured()) - self.predict(done, point)
     }
 
+    /// Returns whether a reading counts.
+    fn is_used(&self, reading: usize) -> bool {
+        let place = self.experiment.place(reading);
+        place.is_none_or(|place| !self.left_out.contains(&place.line))
+    }
+
+    fn used(&self) -> impl Iterator<Item = usize> {
+        (0..self.residual.len()).filter(|reading| self.is_used(*reading))
+    }
+
+    /// Standard deviation of a reading: infinite where the reading does not count.
     fn deviation(&self, reading: usize) -> f64 {
-        self.noise[self.experiment.kind_of(reading)]
+        if self.is_used(reading) {
+            self.noise[self.experiment.kind_of(reading)]
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    /// Returns the line whose worst reading is farthest off the fit, in standard deviations of what the other lines leave over, if
+    /// that is a slip of the pen.
+    fn slipped(&self) -> Option<u64> {
+        let guesses = self.experiment.noise();
+        let places = self.used().filter_map(|index| Some((self.experiment.place(index)?, index)));
+        let places: Vec<(Place, usize)> = places.collect();
+        let lines = places.chunk_by(|(a, _), (b, _)| a.line == b.line);
+        let off = lines.map(|line| {
+            let mut sums = vec![(0.0, 0.0); guesses.len()];
+            for (_, index) in places.iter().filter(|(place, _)| place.line != line[0].0.line) {
+                let (square, count) = &mut sums[self.experiment.kind_of(*index)];
+                *square += self.residual[*index].powi(2);
+                *count += 1.0;
+            }
+            let each = line.iter().map(|(_, index)| {
+                let kind = self.experiment.kind_of(*index);
+                let ((square, count), guess) = (sums[kind], guesses[kind]);
+                let readings = GUESS_READINGS + count;
+                let noise = ((GUESS_READINGS * guess.powi(2) + square) / readings).sqrt();
+                self.residual[*index].abs() / noise
+            });
+            (line[0].0.line, each.fold(0.0, f64::max))
+        });
+        off.max_by(|(_, a), (_, b)| a.total_cmp(b)).filter(|(_, off)| *off > SLIPPED).map(|it| it.0)
     }
 
     /// `W^(1/2) J`.

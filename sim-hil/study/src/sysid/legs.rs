@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use super::fit::{Experiment, GAIN, Sensor};
+use super::fit::{Experiment, GAIN, Place, Sensor};
 use super::table::{Column, Table};
 use super::unknowns::Kind;
 use crate::measured::MeasuredError;
@@ -60,6 +60,8 @@ const STEP: f64 = 5e-4;
 /// Bend and torque tests.
 #[derive(Debug, Clone)]
 pub struct Legs {
+    /// Of each test; none of planned ones.
+    lines: Vec<u64>,
     /// The leg, and its load, N and N m.
     loads: Vec<(usize, [f64; 6])>,
     measured: Vec<f64>,
@@ -86,17 +88,16 @@ impl Legs {
                 });
             }
         }
-        let rows: Vec<Vec<f64>> = lines.rows.into_iter().map(|(_, row)| row).collect();
-        Ok(Some(Self::new(&rows)))
+        let (lines, rows): (_, Vec<_>) = lines.rows.into_iter().unzip();
+        Ok(Some(Self { lines, ..Self::new(&rows) }))
     }
 
-    /// Takes the rows of a file.
+    /// Takes rows that stand in no file.
     #[must_use]
     pub fn new(rows: &[Vec<f64>]) -> Self {
-        let si = |(i, value): (usize, &f64)| {
-            if i % 6 < 3 { 1e-3 * value } else { value.to_radians() }
-        };
+        let si = |(i, value): (usize, &f64)| unit(i) * value;
         Self {
+            lines: Vec::new(),
             loads: rows
                 .iter()
                 .map(|row| (row[0] as usize, core::array::from_fn(|i| row[1 + i])))
@@ -107,6 +108,11 @@ impl Legs {
                 .collect(),
         }
     }
+}
+
+/// Metres or radians in the unit of a reading's column.
+fn unit(reading: usize) -> f64 {
+    if reading % 6 < 3 { 1e-3 } else { 1f64.to_radians() }
 }
 
 impl Experiment for Legs {
@@ -188,5 +194,10 @@ impl Experiment for Legs {
 
     fn kind_of(&self, reading: usize) -> usize {
         usize::from(reading % 6 >= 3)
+    }
+
+    fn place(&self, reading: usize) -> Option<Place> {
+        let column = TABLE.columns[7 + reading % 6].name;
+        Some(Place { line: *self.lines.get(reading / 6)?, column, unit: unit(reading) })
     }
 }

@@ -35,7 +35,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-use self::fit::{Experiment, Fit, Fitted, Posterior};
+use self::fit::{Experiment, Fit, Fitted, Posterior, Slip};
 use self::unknowns::{Kind, Unknown, apply, unknowns, values};
 use self::walks::Walks;
 use super::measured::MeasuredError;
@@ -114,13 +114,14 @@ impl Data {
         }
         let drops = drops::TABLE.read(folder)?.map(|rows| {
             let path = folder.join("drops.csv");
+            let rows: Vec<_> = rows.into_iter().map(|(_, row)| row).collect();
             drops::Drops::new(&rows).map_err(|reason| MeasuredError::Whole { path, reason })
         });
         let data = Self {
-            scales: scales::TABLE.read(folder)?.map(|rows| scales::Scales::new(&rows)),
+            scales: scales::TABLE.read(folder)?.map(|rows| scales::Scales::read(&rows)),
             legs: legs::Legs::read(folder)?,
             air: air::Air::read(folder)?,
-            drag: drag::TABLE.read(folder)?.map(|rows| drag::Drag::new(&rows)),
+            drag: drag::TABLE.read(folder)?.map(|rows| drag::Drag::read(&rows)),
             drops: drops.transpose()?,
             walks: Walks::read(folder)?,
         };
@@ -228,6 +229,9 @@ pub struct Identified {
     pub centre_mm: [Estimate; 3],
     /// The experiments, one after the other.
     pub stages: Vec<Stage>,
+    /// Lines that do not fit the others, and were left out.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub slips: Vec<Slip>,
     /// What is missing, of [`EXPERIMENTS`].
     pub missing: Vec<&'static str>,
     /// What would bring most, first.
@@ -268,7 +272,7 @@ pub fn identify(
         let left = left(fit.posterior(), &unknowns);
         stages.push(Stage { experiment: experiment.name(), left, distance: None });
     }
-    let fitted = fit.fitted();
+    let (fitted, slips) = (fit.fitted(), fit.slips());
     let mut posterior = fit.posterior().clone();
     let mut conditioned = |name: &'static str, (next, distance): (Posterior, f64)| {
         stages.push(Stage {
@@ -306,6 +310,7 @@ pub fn identify(
         estimates: estimates(&unknowns, &posterior),
         centre_mm: centre(plan, robot, &posterior)?,
         stages,
+        slips,
         missing: missing.map(|((name, _), _)| *name).collect(),
         proposals: if advise { proposals(data, robot, &posterior, seed)? } else { Vec::new() },
         scores,
@@ -447,6 +452,14 @@ mod tests {
         assert!(metres.contains("scales.csv, line 2, column 5: 90000 is outside"), "{metres}");
         let one = refused("drag.csv", "leg,direction_deg,load_n,drag_n\nfl,0,1,0.5\n");
         assert!(one.contains("1 rows of numbers; at least 2"), "{one}");
+        let mut air =
+            "test,f_hz,theta_deg,t_s,phase_deg,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n".to_owned();
+        for picture in 0..60 {
+            let (time, phase) = (f64::from(picture) / 60.0, 180.2 * f64::from(picture));
+            air += &format!("1,30,0,{time},{phase},0,0,{},0,0,0\n", 0.1 * phase.to_radians().cos());
+        }
+        let aliased = refused("air.csv", &air);
+        assert!(aliased.contains("aliasing") && aliased.contains("2 phases"), "{aliased}");
         let nan = refused(
             "walks.csv",
             "f_hz,theta_deg,forward_m_s,lateral_m_s,yaw_rad_s\n30,0,NaN,0,0\n",

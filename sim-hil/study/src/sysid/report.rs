@@ -95,11 +95,19 @@ pub fn remarks(found: &Identified) -> Vec<String> {
     let brings = |name: &str| {
         EXPERIMENTS.iter().find(|(other, _)| *other == name).map_or("", |(_, brings)| brings)
     };
-    let mut all: Vec<String> = found
+    let slips = found.slips.iter().map(|it| {
+        let [value, expected, deviation] = [it.value, it.expected, 2.0 * it.deviation].map(digits);
+        format!(
+            "{}.csv, line {}: {} is {value}, and the other lines expect {expected} within {deviation}. The line is left out: check its \
+             comma, sign, unit and leg.",
+            it.experiment, it.line, it.column
+        )
+    });
+    let missing = found
         .missing
         .iter()
-        .map(|name| format!("{name}.csv is missing; it would bring: {}.", brings(name)))
-        .collect();
+        .map(|name| format!("{name}.csv is missing; it would bring: {}.", brings(name)));
+    let mut all: Vec<String> = slips.chain(missing).collect();
     if let Some(Proposal { experiment, again, gain, .. }) =
         found.proposals.first().filter(|best| best.gain > WORTH)
     {

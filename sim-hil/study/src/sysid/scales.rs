@@ -8,7 +8,7 @@
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 
-use super::fit::{Experiment, GAIN, Sensor};
+use super::fit::{Experiment, GAIN, Place, Sensor};
 use super::table::{Column, Table};
 use super::unknowns::Kind;
 use flix_sim::experiment::probe::ProbeError;
@@ -53,6 +53,8 @@ const WARP: f64 = 15.0;
 /// Weighings.
 #[derive(Debug, Clone)]
 pub struct Scales {
+    /// Of each weighing; none of planned ones.
+    lines: Vec<u64>,
     tilts: Vec<[f64; 2]>,
     measured: Vec<f64>,
 }
@@ -60,8 +62,16 @@ pub struct Scales {
 impl Scales {
     /// Takes the rows of a file.
     #[must_use]
+    pub fn read(rows: &[(u64, [f64; 6])]) -> Self {
+        let (lines, rows): (_, Vec<_>) = rows.iter().copied().unzip();
+        Self { lines, ..Self::new(&rows) }
+    }
+
+    /// Takes rows that stand in no file.
+    #[must_use]
     pub fn new(rows: &[[f64; 6]]) -> Self {
         Self {
+            lines: Vec::new(),
             tilts: rows.iter().map(|row| [row[0], row[1]]).collect(),
             measured: rows.iter().flat_map(|row| row[2..].to_vec()).collect(),
         }
@@ -126,6 +136,11 @@ impl Experiment for Scales {
 
     fn kind_of(&self, _: usize) -> usize {
         0
+    }
+
+    fn place(&self, reading: usize) -> Option<Place> {
+        let column = TABLE.columns[2 + reading % 4].name;
+        Some(Place { line: *self.lines.get(reading / 4)?, column, unit: 1.0 })
     }
 }
 

@@ -404,6 +404,60 @@ mod tests {
     }
 
     #[test]
+    fn a_slip_of_the_pen_is_named_and_leaves_the_intervals_as_they_were() {
+        let plan = RobotModel::named("W").unwrap();
+        let (robot, mut chance) = (hidden(&plan, 1), Chance::new(1, 2));
+        let tables = [
+            ("scales.csv", scales::TABLE.to_csv(&[], &weigh(&robot, &mut chance, 1.0).unwrap())),
+            ("legs.csv", legs::TABLE.to_csv(&[], &bend(&robot, &mut chance, 1.0).unwrap())),
+            ("drag.csv", drag::TABLE.to_csv(&[], &pull(&robot, &mut chance, 1.0).unwrap())),
+        ];
+        // File, line from 1, column from 0, and what the pen makes of the value.
+        type Slipped<'a> = (&'a str, usize, usize, fn(f64) -> String);
+        let found = |slip: Option<Slipped<'_>>| {
+            let folder = tempfile::tempdir().unwrap();
+            for (name, text) in &tables {
+                let mut rows: Vec<Vec<String>> =
+                    text.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect();
+                if let Some((_, line, column, change)) = slip.filter(|slip| slip.0 == *name) {
+                    let cell = &mut rows[line - 1][column];
+                    *cell = change(cell.parse().unwrap_or_default());
+                }
+                let lines: Vec<String> = rows.iter().map(|row| row.join(",")).collect();
+                std::fs::write(folder.path().join(name), lines.join("\n") + "\n").unwrap();
+            }
+            identify(&plan, &Data::read(folder.path()).unwrap(), 1, false, |_| {}).unwrap()
+        };
+        let clean = found(None);
+        assert_eq!(clean.slips, []);
+        let shift = |value: f64| (10.0 * value).to_string();
+        let flip = |value: f64| (-value).to_string();
+        let slips: [Slipped<'_>; 5] = [
+            ("scales.csv", 4, 3, shift),
+            ("legs.csv", 2, 7, flip),
+            ("legs.csv", 4, 8, shift),
+            // Of another leg.
+            ("legs.csv", 4, 0, |_| "fr".to_owned()),
+            ("drag.csv", 7, 3, shift),
+        ];
+        for (name, line, column, change) in slips {
+            let slipped = found(Some((name, line, column, change)));
+            let [slip] = &slipped.slips[..] else { panic!("{name}, {line}: {:?}", slipped.slips) };
+            assert_eq!((slip.experiment, slip.line), (&name[..name.len() - 4], line as u64));
+            let text =
+                tables.iter().find(|it| it.0 == name).unwrap().1.lines().nth(line - 1).unwrap();
+            if column > 0 {
+                let truth: f64 = text.split(',').nth(column).unwrap().parse().unwrap();
+                assert!((slip.expected - truth).abs() < 4.0 * slip.deviation, "{slip:?}, {truth}");
+            }
+            for (clean, slipped) in clean.estimates.iter().zip(&slipped.estimates) {
+                let width = (slipped.high - slipped.low) / (clean.high - clean.low);
+                assert!((0.8..1.25).contains(&width), "{name}, {line}: {}: {width}", clean.name);
+            }
+        }
+    }
+
+    #[test]
     fn a_verdict_fails_where_intervals_are_too_narrow_or_too_wide() {
         let scores = |inside: usize, error: f64, held_out: f64| -> Vec<Score> {
             let one = |robot| Score {

@@ -16,15 +16,20 @@ pub struct Table<const N: usize> {
     pub fewest: usize,
 }
 
+/// Rows of a file, each with its line, from 1.
+pub type Numbered<const N: usize> = Vec<(u64, [f64; N])>;
+
 impl<const N: usize> Table<N> {
-    /// Reads it, if it is there.
+    /// Reads it, if it is there: each line, from 1, with its row.
     ///
     /// # Errors
     /// When it is refused, with file, line and column.
-    pub fn read(&self, folder: &Path) -> Result<Option<Vec<[f64; N]>>, MeasuredError> {
+    pub fn read(&self, folder: &Path) -> Result<Option<Numbered<N>>, MeasuredError> {
         let lines = self.read_with(folder, &[])?;
         let row = |row: &Vec<f64>| core::array::from_fn(|i| row[i]);
-        Ok(lines.map(|lines| lines.rows.iter().map(|(_, values)| row(values)).collect()))
+        let all =
+            |lines: Lines| lines.rows.iter().map(|(line, values)| (*line, row(values))).collect();
+        Ok(lines.map(all))
     }
 
     /// Reads it with further columns that it may have.

@@ -98,6 +98,8 @@ pub trait Robots: Send + Sync + core::fmt::Debug {
     fn run(&mut self, steps: usize, step: f64);
     /// Returns how long the block has run, s.
     fn time(&self) -> f64;
+    /// Returns the longest step, s, that the contact of all its robots' feet takes.
+    fn longest_step(&self) -> f64;
     /// Returns when and where a robot moved as none does, if it did: its state is useless from then on, and its body and work
     /// are those of at most 50 steps before.
     fn diverged(&self, lane: usize) -> Option<Diverged>;
@@ -134,6 +136,8 @@ pub struct Block<B> {
     sane: B,
     steps: B,
     seats: Vec<Seat>,
+    /// Longest step of each robot, s.
+    longest: Vec<f64>,
     clock: Clock,
     arch: pulp::Arch,
 }
@@ -253,6 +257,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
             sane: B::splat(1.0),
             steps: B::splat(0.0),
             seats: vec![seat; B::LANES],
+            longest: vec![build::longest_step(&plain); B::LANES],
             clock: Clock::default(),
             arch: pulp::Arch::new(),
         };
@@ -264,6 +269,7 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Block<B> {
     fn set_model(&mut self, lane: usize, model: &RobotModel) -> Result<(), ModelError> {
         model.check_walker()?;
         let plain = build::constants(model);
+        self.longest[lane] = build::longest_step(&plain);
         let c = &mut self.constants;
         c.inertia.set(lane, &plain.inertia);
         c.rotor_mass.set(lane, &plain.rotor_mass);
@@ -455,6 +461,10 @@ impl<B: Lane + Pack<Single = f64> + core::fmt::Debug> Robots for Block<B> {
     fn time(&self) -> f64 {
         self.clock.began + self.clock.taken as f64 * self.clock.step
     }
+    fn longest_step(&self) -> f64 {
+        self.longest.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
     fn diverged(&self, lane: usize) -> Option<Diverged> {
         self.seats[lane].diverged
     }

@@ -229,6 +229,17 @@ fn add_foot(m: &mut LegModel<f64>, legs: &Legs, shift_mm: f64, [sx, sy]: [f64; 2
     m.end_center = center;
 }
 
+/// Returns the longest step, s, in which no foot gains speed from the floor: the time in which the stiffest one swings by a radian on its
+/// corner. A foot that meets the floor within a longer step is thrown back faster than it came.
+pub fn longest_step(constants: &PlainConstants) -> f64 {
+    let of = |leg: &LegModel<f64>| {
+        let Foot { stiffness, impedance: [touch, full, _], .. } = leg.foot;
+        1.0 / (touch.max(full) * stiffness.sqrt())
+    };
+    let legs = constants.legs.as_ref();
+    legs.map_or(f64::INFINITY, |legs| legs.iter().map(of).fold(f64::INFINITY, f64::min))
+}
+
 /// Returns the time constant in s and the damping ratio by which MuJoCo gives each foot the model's stiffness and
 /// damping (`solref`); zeros without legs.
 #[must_use]

@@ -128,6 +128,7 @@ impl Plant {
     pub fn new(model: &RobotModel) -> Result<Self, ModelError> {
         model.check()?;
         let plain = build::constants(model);
+        let longest_step = build::longest_step(&plain);
         let constants = Constants {
             base: plain.base,
             inertia: plain.inertia,
@@ -155,14 +156,14 @@ impl Plant {
             drive: Drive::Torque,
             course: None,
             time: 0.0,
-            longest_step: f64::INFINITY,
+            longest_step,
             support: Support::Floor,
         })
     }
 
-    /// Takes longer steps in equal parts from now on, s.
+    /// Takes longer steps in equal parts from now on, s; steps that are too long for the feet's contact are taken in parts anyway.
     pub fn set_longest_step(&mut self, step: f64) {
-        self.longest_step = step;
+        self.longest_step = self.longest_step.min(step);
     }
 
     /// Chooses what turns the rotors. The first ideal drive puts them at once where `theta` says, at speed; another one is
@@ -613,6 +614,27 @@ mod tests {
                 let (along, across, yaw) = amplitude(f, theta);
                 assert!((along / force - 1.0).abs() < 1e-3, "{f} {theta}: {along}");
                 assert!(across < 1e-3 * force && yaw < 1e-3 * force * 0.028);
+            }
+        }
+    }
+
+    #[test]
+    fn on_the_stiffest_floor_no_step_moves_a_robot_farther_than_it_walks() {
+        for (stiffness, full) in [(1e6, 0.95), (3.8e5, 0.5)] {
+            let mut model = RobotModel::named("W").unwrap();
+            model.contact.stiffness_n_per_m = stiffness;
+            (model.contact.impedance_touch, model.contact.impedance_full) = (full, full);
+            for theta_rad in [0.0, 0.5, 1.5] {
+                let mut p = Plant::new(&model).unwrap();
+                p.set_drive(Drive::Ideal { frequency_hz: 35.0, theta_rad });
+                for _ in 0..1000 {
+                    let before = p.body().position;
+                    p.step([0.0; 2], 1e-3).unwrap();
+                    let [x, y, z] = core::array::from_fn(|i| p.body().position[i] - before[i]);
+                    // 1.5 m/s.
+                    let moved = x.hypot(y).hypot(z);
+                    assert!(moved < 1.5e-3, "{stiffness} N/m: {:.1} mm", 1e3 * moved);
+                }
             }
         }
     }
