@@ -640,6 +640,19 @@ fn a_robot_that_halted_while_it_was_armed_walks_after_enter() {
 }
 
 #[test]
+fn arming_a_robot_that_walks_lets_it_walk_on() {
+    let mut world = World::armed();
+    world.client.hold(world.now, setpoint(10.0, 0.0));
+    world.run(Duration::from_millis(100));
+    world.press(Wish::Arm);
+    world.run(Duration::from_millis(100));
+    assert_eq!(
+        (world.robot.state, world.client.held()),
+        (State::Running, Some(setpoint(10.0, 0.0)))
+    );
+}
+
+#[test]
 fn a_program_that_steers_on_after_a_halt_is_told_of_it_once() {
     let mut world = World::armed();
     world.client.hold(world.now, setpoint(10.0, 0.0));
