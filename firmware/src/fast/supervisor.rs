@@ -40,7 +40,7 @@
 //!
 //! Nothing is cleared, and no motor begins to be driven, by an order that is late. A robot leaves Disarmed only while
 //! [`Asked::begins`] holds: link and settings are in order. A stop ([`Asked::stops`]) latches in every state and disarms the robot.
-//! Each count of [`Asked::halts`] disarms it too, and latches nothing: a session begins or ends, or somebody without one stops.
+//! Each count of [`Asked::halts`] disarms it too, and latches nothing: a session begins or ends, or a stop comes without a session.
 //!
 //! Settings are taken over where the rotors rest. Until they are, a robot in Aligning brakes; after 2 s that is a fault.
 //!

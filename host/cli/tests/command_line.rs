@@ -205,7 +205,7 @@ fn an_error_or_a_kill_at_any_call_leaves_a_file_that_is_replaced_whole() {
                 assert!(std::fs::read(&file).unwrap() == old, "{words:?}, {call}, {harm}");
             }
         }
-        // What a kill left behind is in nobody's way.
+        // The unfinished file of a killed program does not hinder the next one.
         Ended(flix.output().unwrap()).expect(0, &[]);
         assert!(std::fs::read(&file).unwrap() != old && !PathBuf::from(part).exists());
     }

@@ -540,7 +540,7 @@ mod tests {
             typing.report(ms(at), key(KeyCode::Char('w')));
             typing.take(ms(at) + APART)
         };
-        // The keys of a terminal that never answers count, but nobody may see it.
+        // Keys of a terminal that never answers count; whether a person sees the screen is not known.
         let first = typing.ask(ms(100), moment(100), SIZE).unwrap();
         let [early, late] = [200, 3_000].map(|at| type_w(&mut typing, at));
         assert!(walks(&early) && walks(&late));

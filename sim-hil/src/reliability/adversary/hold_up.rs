@@ -550,7 +550,7 @@ impl Life {
     fn tick(&mut self, kind: Kind) -> Result<(), BenchError> {
         self.overrule();
         let now = self.operation.now();
-        // A program that hung goes on with what it held, unless somebody else has asked for a stop since.
+        // A program that hung repeats its walk: intent, unless another operator has asked for a stop since the last intent.
         let holds = !self.operation.operators[0].is_gone && self.walks();
         let is_overruled = self.stopper.as_ref().is_some_and(|(_, asked, _)| *asked >= self.intent);
         if self.is_driving || holds && !is_overruled {

@@ -46,13 +46,13 @@ const NO_GENERATION: u64 = 0xFFFF_FFFF;
 /// What to fit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub enum Goal {
-    /// A mode of a table, and what it has to do beside being a hit.
+    /// A mode of a table, with conditions beside being a hit.
     Mode(PaperMode, Also),
     /// Speeds of a prototype.
     Measured(Measured),
 }
 
-/// What a mode has to do beside being a hit.
+/// Conditions on a mode beside being a hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Also {
     /// Advance at [`LEAST_SPEED`] or more, as the paper steers with turns alone.

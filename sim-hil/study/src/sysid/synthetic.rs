@@ -412,7 +412,7 @@ mod tests {
             ("legs.csv", legs::TABLE.to_csv(&[], &bend(&robot, &mut chance, 1.0).unwrap())),
             ("drag.csv", drag::TABLE.to_csv(&[], &pull(&robot, &mut chance, 1.0).unwrap())),
         ];
-        // File, line from 1, column from 0, and what the pen makes of the value.
+        // File, line from 1, column from 0, and the change of the value.
         type Slipped<'a> = (&'a str, usize, usize, fn(f64) -> String);
         let found = |slip: Option<Slipped<'_>>| {
             let folder = tempfile::tempdir().unwrap();
