@@ -106,16 +106,17 @@ impl Turn {
     /// Returns whether the robot has turned by 360 degrees and came no nearer to a target that stands.
     fn is_in_vain(&mut self, pose: &PlanarPose, target: Position, mode: usize) -> bool {
         let distance = pose.distance_to(target);
-        let same = mode == self.mode && mode != REST && target.distance_to(self.target) < NEARER;
+        let goes_on = mode == self.mode
+            && mode != REST
+            && target.distance_to(self.target) < NEARER
+            && distance > self.nearest - NEARER;
         let turned = self.turned + wrap(pose.heading - self.heading);
-        self.heading = pose.heading;
-        if same && distance > self.nearest - NEARER && turned.abs() < TAU {
-            self.turned = turned;
+        if goes_on && turned.abs() < TAU {
+            (self.heading, self.turned) = (pose.heading, turned);
             return false;
         }
-        let in_vain = same && distance > self.nearest - NEARER;
         *self = Self { mode, target, nearest: distance, heading: pose.heading, turned: 0.0 };
-        in_vain
+        goes_on
     }
 }
 

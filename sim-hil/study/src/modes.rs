@@ -259,6 +259,13 @@ pub fn score_modes(modes: &[PaperMode], cells: &[Cell]) -> Vec<ModeRow> {
     modes.iter().filter_map(row).collect()
 }
 
+/// Returns how many modes are strict hits, and how many translations among them keep their heading.
+#[must_use]
+pub fn strict_hits(rows: &[ModeRow]) -> (usize, usize) {
+    let kept = |row: &&ModeRow| row.keeps_heading == Some(true);
+    (rows.iter().filter(|row| row.strict).count(), rows.iter().filter(kept).count())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

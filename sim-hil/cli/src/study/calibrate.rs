@@ -23,7 +23,9 @@ use flix_study::calibrate::{
 use flix_study::cmaes::usual_population;
 use flix_study::figure::overlay;
 use flix_study::measured::{self, Measured};
-use flix_study::modes::{Component, PaperMode, paper_modes, score_modes, shuffled_modes};
+use flix_study::modes::{
+    Component, PaperMode, paper_modes, score_modes, shuffled_modes, strict_hits,
+};
 use flix_study::sweep::{Cell, SECONDS, Sweep, Variant, cells};
 use flix_study::{Earlier, Options};
 
@@ -347,8 +349,7 @@ fn verdict(what: &str, walked: &[(Goal, Cell)], seeds: u64) -> String {
     };
     let each: Vec<String> =
         rows.iter().map(|row| format!("{} {}/{}", row.mode, row.hits, row.seeds)).collect();
-    let strict = rows.iter().filter(|row| row.strict).count();
-    let kept = rows.iter().filter(|row| row.keeps_heading == Some(true)).count();
+    let (strict, kept) = strict_hits(&rows);
     format!(
         "{what}: of {} modes {:.2} signs, {:.2} hits ({}), {strict} strict by their means, {kept} with a kept heading\n",
         rows.len(),

@@ -13,7 +13,7 @@ use crate::output::{headings, print, print_figures, row, table};
 use flix_sim::experiment::walk::{Shaking, Spread, Walk, walk};
 use flix_study::figure::axis;
 use flix_study::front::{Gait, front, gaits};
-use flix_study::modes::{ModeRow, classify, paper_modes, score_modes};
+use flix_study::modes::{ModeRow, classify, paper_modes, score_modes, strict_hits};
 use flix_study::sweep::{Cell, Sweep, Variant, cells};
 
 /// Interval of the points of a track, s: smooth over the shaking.
@@ -120,6 +120,7 @@ fn report(sweep: &Sweep, cells: &[Cell], front: Vec<Gait>) -> Report {
     let rows = score_modes(&paper_modes(), cells);
     let mean =
         |of: fn(&ModeRow) -> usize| rows.iter().map(of).sum::<usize>() as f64 / sweep.seeds as f64;
+    let (strict_hits, headings_kept) = strict_hits(&rows);
     Report {
         model: sweep.variants[0].model.name.clone(),
         seeds: sweep.seeds,
@@ -129,8 +130,8 @@ fn report(sweep: &Sweep, cells: &[Cell], front: Vec<Gait>) -> Report {
         scatter: sweep.scatter,
         mean_signs: mean(|row| row.signs),
         mean_hits: mean(|row| row.hits),
-        strict_hits: rows.iter().filter(|row| row.strict).count(),
-        headings_kept: rows.iter().filter(|row| row.keeps_heading == Some(true)).count(),
+        strict_hits,
+        headings_kept,
         rows,
         pairs: cells.iter().map(PairRow::of).collect(),
         front,

@@ -104,6 +104,12 @@ const SLIPPED: f64 = 6.0;
 /// Most lines that are left out of an experiment.
 const MOST_SLIPS: usize = 3;
 
+/// Returns the standard deviation of readings from a guess of it, which counts as [`GUESS_READINGS`], and the sum of the squares of so
+/// many residuals.
+fn estimated_noise(guess: f64, squares: f64, count: f64) -> f64 {
+    ((GUESS_READINGS * guess.powi(2) + squares) / (GUESS_READINGS + count)).sqrt()
+}
+
 /// An experiment inside a fit.
 struct Block<'a> {
     experiment: &'a dyn Experiment,
@@ -415,8 +421,7 @@ impl<'a> Fit<'a> {
                 *free += 1.0 - leverage / block.deviation(index).powi(2);
             }
             for ((noise, guess), (square, free)) in block.noise.iter_mut().zip(guesses).zip(sums) {
-                let readings = GUESS_READINGS + f64::max(0.0, free);
-                let next = ((GUESS_READINGS * guess.powi(2) + square) / readings).sqrt();
+                let next = estimated_noise(guess, square, f64::max(0.0, free));
                 change = change.max((next / *noise - 1.0).abs());
                 *noise = next;
             }
@@ -476,8 +481,8 @@ impl Block<'_> {
         }
     }
 
-    /// Returns the line whose worst reading is farthest off the fit, in standard deviations of what the other lines leave over, if
-    /// that is a slip of the pen.
+    /// Returns the line with the largest residual, where that exceeds [`SLIPPED`] standard deviations of the residuals of all other
+    /// lines.
     fn slipped(&self) -> Option<u64> {
         let guesses = self.experiment.noise();
         let places = self.used().filter_map(|index| Some((self.experiment.place(index)?, index)));
@@ -492,10 +497,8 @@ impl Block<'_> {
             }
             let each = line.iter().map(|(_, index)| {
                 let kind = self.experiment.kind_of(*index);
-                let ((square, count), guess) = (sums[kind], guesses[kind]);
-                let readings = GUESS_READINGS + count;
-                let noise = ((GUESS_READINGS * guess.powi(2) + square) / readings).sqrt();
-                self.residual[*index].abs() / noise
+                let (square, count) = sums[kind];
+                self.residual[*index].abs() / estimated_noise(guesses[kind], square, count)
             });
             (line[0].0.line, each.fold(0.0, f64::max))
         });
