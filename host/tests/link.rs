@@ -30,8 +30,8 @@ pub struct World {
     latency: Duration,
     lose: Box<dyn FnMut() -> bool>,
     is_cut: bool,
-    /// Datagrams of this length never arrive.
-    lost_length: Option<usize>,
+    /// Of two datagrams that leave within so long, the robot hears the later first.
+    overtaking: Duration,
     to_robot: Vec<(Instant, Vec<u8>)>,
     to_client: Vec<(Instant, Vec<u8>)>,
     updates: Vec<Update>,
@@ -48,7 +48,7 @@ impl World {
             latency: Duration::from_millis(5),
             lose: Box::new(|| false),
             is_cut: false,
-            lost_length: None,
+            overtaking: Duration::ZERO,
             to_robot: Vec::new(),
             to_client: Vec::new(),
             updates: Vec::new(),
@@ -101,10 +101,16 @@ impl World {
     /// Sends and receives for a moment; what the client learns is left to somebody else.
     pub fn exchange(&mut self) {
         while let Some(frame) = self.client.transmit(self.now) {
-            let is_lost = self.lost_length == Some(frame.len());
-            if !(self.is_cut || is_lost || (self.lose)()) {
-                self.to_robot.push((self.now + self.latency, frame.to_vec()));
+            if self.is_cut || (self.lose)() {
+                continue;
             }
+            let arrival = self.now + self.latency;
+            for (earlier, _) in &mut self.to_robot {
+                if arrival.since(*earlier) < self.overtaking {
+                    *earlier = arrival + TICK;
+                }
+            }
+            self.to_robot.push((arrival, frame.to_vec()));
         }
         let mut answers = self.robot.tick(self.now);
         for datagram in arrived(&mut self.to_robot, self.now) {
@@ -192,6 +198,18 @@ fn a_request_is_answered_under_heavy_loss() {
         let request = world.client.request(world.now, Command::Identify);
         world.run(Duration::from_secs(2));
         assert!(matches!(world.answer(request), Some(Outcome::Identity(_))), "seed {seed}");
+    }
+}
+
+#[test]
+fn a_request_that_an_order_overtakes_is_asked_again_between_orders() {
+    for phase in 0..20 {
+        let mut world = World::connected();
+        world.overtaking = Duration::from_millis(4);
+        world.run(Duration::from_millis(phase));
+        let request = world.client.request(world.now, Command::Identify);
+        world.run(Duration::from_millis(300));
+        assert!(world.answer(request).is_some(), "{phase} ms");
     }
 }
 

@@ -704,7 +704,8 @@ impl Client {
             .min()
     }
 
-    /// Returns the message that is due: the order, then requests.
+    /// Returns the message that is due: the order, then requests. A request that is repeated leaves halfway between two orders: the
+    /// robot drops what a later message overtakes, and a repetition in step with the orders would always be overtaken.
     fn due(&mut self, now: Instant) -> Option<ToRobot> {
         if now >= self.send_at {
             // A fixed rate; after a pause it starts anew and does not catch up.
@@ -714,7 +715,7 @@ impl Client {
         }
         let place = self.in_turn().find_map(|(place, it)| (now >= it.send_at).then_some(place));
         let pending = self.pending.get_mut(place?)?;
-        pending.send_at = now + REQUEST_RETRY;
+        pending.send_at = self.send_at + (REQUEST_RETRY - KEEP_ALIVE / 2);
         Some(ToRobot::Request(pending.request.clone()))
     }
 

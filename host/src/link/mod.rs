@@ -56,8 +56,8 @@ use flix_protocol::session::{HINT_PATIENCE, HOLDER_SILENCE};
 
 /// Interval of the order: a fifth of the robot's first deadline of 100 ms.
 pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
-/// Interval at which an unanswered request is repeated. Longer than the slowest ordinary round trip
-/// on Wi-Fi.
+/// Interval at which an unanswered request is repeated, the first time up to 10 ms sooner or later. Longer than the slowest ordinary
+/// round trip on Wi-Fi.
 pub const REQUEST_RETRY: Duration = Duration::from_millis(100);
 /// Time for which a request is repeated: 20 times, so that a link that loses 30 % each way fails
 /// one request in a million.
