@@ -600,13 +600,11 @@ impl Link {
         is_obeyed && report.settled().is_idle()
     }
 
-    /// Returns whether the order in force may begin to drive the motors of a robot at rest.
+    /// Returns whether the order in force may begin to drive the motors of a robot at rest. The stop or the fault of the newest
+    /// report may have been cleared since.
     fn is_beginning(&self) -> bool {
         let Asked { wanted, permit, begins, .. } = self.asked;
-        let Report { permit: present, state, stopped, .. } = self.report;
-        begins
-            && matches!(wanted, Wanted::Arm | Wanted::Try)
-            && (permit, state, stopped) == (present, State::Disarmed, false)
+        begins && matches!(wanted, Wanted::Arm | Wanted::Try) && permit == self.report.permit
     }
 
     /// Latches the stop. Who latched the stop is who asked first.

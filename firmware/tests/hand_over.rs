@@ -1,7 +1,7 @@
 //! What crosses between the two halves, as on a chip: each half gets its turns when the test says so, and the
 //! slow half may work from an old report.
 
-use crate::ends::{Ends, address, set};
+use crate::ends::{Ends, address, key, set};
 use crate::still::AT_REST;
 use flix_firmware::alignment::Alignment;
 use flix_firmware::board::DENGFOC_V3_01;
@@ -10,10 +10,12 @@ use flix_firmware::fast::exchange::{Access, Exchange, Report};
 use flix_firmware::hardware::{Actuation, Bridge, TICK};
 use flix_firmware::scope::Memory;
 use flix_firmware::units::ElectricalAngle;
+use flix_protocol::frame::Frame;
 use flix_protocol::message::{
     Channel, Command, Event, LoopTiming, Order, Outcome, Permit, Refusal, SCOPE_VALUES,
     ScopeCommand, ScopePlan, ScopeState, State, ToRobot, Trigger,
 };
+use flix_protocol::session::StopSession;
 
 /// Ticks from one order to the next: 20 ms.
 const ORDER_TICKS: u32 = 200;
@@ -123,6 +125,49 @@ fn settings_are_refused_from_the_order_to_arm_on_whatever_was_reported() {
     assert_eq!(ends.slow.report().state, State::Disarmed);
     let outcome = ends.say(set("over_speed", 60.0));
     assert_eq!(outcome, Outcome::Refused(Refusal::State(State::Aligning)));
+}
+
+#[test]
+fn settings_are_refused_from_the_order_to_arm_on_though_the_report_is_of_a_stop_cleared_since() {
+    let mut ends = proven();
+    ends.give(Order::Stop);
+    ends.run(ORDER_TICKS);
+    // Reports, which the next nine ticks do not.
+    ends.tick(1);
+    for order in [Order::Clear(ends.permit()), Order::Arm(ends.permit())] {
+        ends.give(order);
+        ends.cross();
+        ends.tick(2);
+    }
+    assert!(ends.slow.report().stopped, "as of the last report");
+    let outcome = ends.say(set("position_bandwidth", 50.0));
+    assert_eq!(outcome, Outcome::Refused(Refusal::State(State::Aligning)));
+    ends.run(ORDER_TICKS);
+    assert_eq!(ends.reported().state, State::Aligning);
+}
+
+#[test]
+fn a_stop_latches_and_is_cleared_however_often_somebody_stopped_the_robot_before() {
+    let outsider = ([192, 168, 4, 3], 4_000).into();
+    let mut ends = proven();
+    // What counts stops between the halves has eight bits.
+    for count in 0..300_u32 {
+        let mut entropy = [0; 32];
+        entropy[..4].copy_from_slice(&count.to_le_bytes());
+        let (mut stop, mut frame) = (StopSession::new(&key(), entropy, ends.now), Frame::new());
+        for _ in 0..2 {
+            let asked = stop.poll(ends.now).unwrap();
+            ends.slow.receive(ends.now, outsider, &asked);
+            assert_eq!(ends.slow.transmit(ends.now, &mut frame), Some(outsider));
+            stop.receive(ends.now, &frame).unwrap();
+        }
+        let before = ends.reported().permit;
+        ends.run(2 * ORDER_TICKS);
+        assert_eq!((ends.reported().stopped, ends.reported().permit), (true, before.next()));
+        ends.give(Order::Clear(ends.permit()));
+        ends.run(ORDER_TICKS);
+        assert!(!ends.reported().stopped, "{count} stops before");
+    }
 }
 
 #[test]

@@ -97,6 +97,26 @@ fn enter_begins_within_one_or_few_repetitions_through_heavy_loss() {
     assert!(mean < 0.014 && longest < 0.13, "mean {mean} s, longest {longest} s");
 }
 
+/// Nobody at a computer that wakes has seen what its robot did meanwhile.
+#[test]
+fn a_computer_that_sleeps_until_the_rotors_stand_moves_nothing_when_it_wakes() {
+    for (asleep_ms, goes_on) in [(300, true), (900, false), (1_100, false), (3_000, false)] {
+        let mut operation = operation(ChannelParameters::PERFECT);
+        operation.arm().unwrap();
+        operation.want(setpoint(20.0, 30.0).unwrap());
+        operation.run(Duration::from_secs(1), |_| {}).unwrap();
+        operation.operators[0].is_gone = true;
+        operation.run(Duration::from_millis(asleep_ms), |_| {}).unwrap();
+        operation.operators[0].is_gone = false;
+        let mut turns = false;
+        let watched = Duration::from_secs(2);
+        operation.run(watched, |truth| turns |= !truth.is_slower_than(1.0)).unwrap();
+        assert_eq!(turns, goes_on, "{asleep_ms} ms");
+        let state = operation.robot.report().state;
+        assert_eq!(state == State::Running, goes_on, "{state} after {asleep_ms} ms");
+    }
+}
+
 fn crash(operation: &mut Operation) -> Option<CrashReport> {
     operation.wait_until_connected().unwrap();
     match operation.request(Command::Crash).unwrap() {
