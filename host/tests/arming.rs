@@ -5,7 +5,7 @@ use std::time::Duration;
 use flix_host::link::{
     ARM_PATIENCE, Client, LinkError, PASSING_PATIENCE, RobotLink, TELEMETRY_LAG, Update, Wish,
 };
-use flix_protocol::message::{Fault, Halt, Order, Refusal, Setpoint, State, ToRobot};
+use flix_protocol::message::{Event, Fault, Halt, Order, Refusal, Setpoint, State, ToRobot};
 use flix_protocol::units::Instant;
 
 use crate::link::World;
@@ -64,6 +64,17 @@ fn a_robot_that_aligns_its_motors_first_is_armed_then() {
     let (ended, after) = rig.arms();
     assert_eq!(ended, Ok(()));
     assert!((3.5..3.6).contains(&after.as_secs_f64()), "{after:?}");
+}
+
+#[test]
+fn events_that_come_while_a_robot_is_armed_are_left_to_who_drives_it() {
+    let mut rig = Rig::new(|_| {});
+    rig.world.robot.is_low = true;
+    rig.arms().0.unwrap();
+    let mut left = std::iter::from_fn(|| rig.world.client.update());
+    assert!(
+        left.any(|it| matches!(it, Update::Event(it) if matches!(it.event, Event::BatteryLow(_))))
+    );
 }
 
 #[test]

@@ -405,6 +405,19 @@ fn who_clears_where_nothing_is_latched_says_off_alone() {
 }
 
 #[test]
+fn a_permit_is_as_old_as_the_first_telemetry_that_states_it() {
+    let mut world = World::connected();
+    let first = world.client.permitted_at();
+    world.run(Duration::from_secs(1));
+    assert_eq!(world.client.permitted_at(), first);
+    let halted = world.now;
+    world.robot.halt();
+    world.run(Duration::from_millis(500));
+    let stated = world.client.permitted_at().since(halted);
+    assert!((1..100).contains(&stated.as_millis()), "{stated:?}");
+}
+
+#[test]
 fn a_walk_whose_permit_is_old_becomes_rest_and_that_is_told() {
     let mut world = World::walking();
     let walk = world.client.order();

@@ -29,6 +29,10 @@ const SETTLING: Duration = Duration::from_millis(1_200);
 const RAMP_SECONDS: f64 = 0.2;
 /// Time before a ramp that is captured with it.
 const BEFORE_RAMP: Duration = Duration::from_millis(80);
+/// Longest time from the question for the capture of a ramp to its answer: the capture lasts 480 ms, of which the ramp takes 430.
+const BEGUN_WITHIN: Duration = Duration::from_millis(40);
+/// Captures that are begun until one is answered in time.
+const BEGINNINGS: usize = 10;
 /// Rows of the capture before and after a ramp: 80 and 150 ms.
 const STEADY_ROWS: [usize; 2] = [800, 1_500];
 /// The same of a capture without one.
@@ -298,6 +302,18 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         Ok(())
     }
 
+    /// Begins a capture, and another where the answer was late: the capture would end before the ramp that follows does.
+    fn begin_capture_now(&mut self, channels: &[Channel]) -> Done<(), S> {
+        for _ in 0..BEGINNINGS {
+            let asked = self.robot.operate().1;
+            self.begin_capture(channels, Trigger::Now, 0)?;
+            if self.robot.operate().1.since(asked) <= BEGUN_WITHIN {
+                break;
+            }
+        }
+        Ok(())
+    }
+
     /// Waits until the capture is complete, and fetches its first rows, at most so many.
     pub(super) fn capture(&mut self, step: Step, rows: u16) -> Done<Columns, S> {
         let permit = self.permit();
@@ -472,7 +488,7 @@ impl<'a, S: RobotLink> RobotUnderTest<'a, S> {
         // Half of them count where the bus is not measured, and what they show scatters more.
         let ramps = if measures_bus { counting } else { (6.0 * counting).min(MOST_RAMPS) } as usize;
         for count in 0..ramps {
-            self.begin_capture(&channels, Trigger::Now, 0)?;
+            self.begin_capture_now(&channels)?;
             self.robot.pause(BEFORE_RAMP)?;
             let frequency = if count % 2 == 0 { fast } else { slow };
             self.hold(frequency);

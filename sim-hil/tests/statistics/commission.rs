@@ -29,6 +29,13 @@ fn robots_of_unknown_motors_find_their_own_values_and_name_what_is_wired_wrongly
     }
 }
 
+/// Requests that orders overtake, and captures whose beginning is heard of late, ended these three.
+#[test]
+fn robots_find_their_values_where_a_third_of_all_datagrams_is_lost() {
+    let table = compute(&motors(&[7, 31, 77], 0.3));
+    assert!(table.pass(), "{table:?}");
+}
+
 /// Lets the top rotor rub for some time after its test says that the ramps begin.
 struct Rub {
     ramps: Arc<AtomicBool>,
