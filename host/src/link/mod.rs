@@ -59,9 +59,9 @@ pub const KEEP_ALIVE: Duration = Duration::from_millis(20);
 /// Interval at which an unanswered request is repeated, the first time up to 10 ms sooner or later. Longer than the slowest ordinary
 /// round trip on Wi-Fi.
 pub const REQUEST_RETRY: Duration = Duration::from_millis(100);
-/// Time for which a request is repeated: 20 times, so that a link that loses 30 % each way fails
-/// one request in a million.
-pub const REQUEST_PATIENCE: Duration = Duration::from_secs(2);
+/// Time for which a request is repeated: 30 times, so that a link that loses 30 % each way fails one request in 500 million. To find
+/// the values of motors takes thousands of requests.
+pub const REQUEST_PATIENCE: Duration = Duration::from_secs(3);
 /// Time after the end of a session in which a robot has disarmed by itself: a second of silence, and the ramp.
 pub const DISARMED_AFTER: Duration = Duration::from_secs(2);
 /// Time after which a stop that the robot has not acknowledged in the session is also asked for without one.
