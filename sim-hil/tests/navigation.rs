@@ -324,8 +324,8 @@ fn a_closed_path_with_a_spur_is_walked_once_round_in_100_s() {
 
 #[test]
 fn paths_as_people_draw_them_are_walked_once_round() {
-    // A star, a rectangle with spurs, a hypocycloid.
-    [5, 6, 7].into_iter().for_each(crate::drawn_paths::assert_walked);
+    // A star, a rectangle with spurs, a hypocycloid, a polygon before whose tip a robot trembled for ever.
+    [5, 6, 7, 19].into_iter().for_each(crate::drawn_paths::assert_walked);
 }
 
 /// Returns how a walk along a circle ends with so many pictures a second, and how often robots change between rest and walk a second.

@@ -609,12 +609,13 @@ impl Navigator {
         let (motions, response) = (self.estimator.motions(), self.estimator.response());
         let mut prospects = Prospects::new(motions, response);
         if let Controller::Learned { outlook } = &self.controller {
-            prospects.weights = Weights::learned(self.held_for(now).as_secs_f64());
+            prospects.weights = Weights::LEARNED;
             prospects.pace = self.estimator.pace();
             prospects.outlook = Some(outlook);
         } else {
             prospects.trim = self.trim;
         }
+        prospects.weights = prospects.weights.held(self.held_for(now).as_secs_f64());
         let (pose, gait) = self.ahead(now);
         prospects.best_mode(pose, gait, goal)
     }
@@ -641,7 +642,7 @@ impl Navigator {
             (self.estimator.pace(), goal_of(&self.task, &self.progress))
         {
             let motions = self.estimator.motions();
-            let progress = Weights::learned(held).progress;
+            let progress = Weights::LEARNED.held(held).progress;
             outlook.consider(path, arc_length, motions, progress, |it| pace.best(it));
         }
     }

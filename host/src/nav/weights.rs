@@ -44,12 +44,12 @@ impl Weights {
     /// Those of the learned controller.
     pub const LEARNED: Self = Self { progress: 2.0, reversal: 0.15, risk: 1.0, ..Self::PREDICTIVE };
 
-    /// Returns those of the learned controller for a robot that has come no further for so long, s: the longer, the more
-    /// progress counts.
+    /// Returns the weights for a robot that has come no further for so long, s: the longer, the more progress counts. Otherwise
+    /// it could tremble for ever before a tip of its path, where to turn round costs an error.
     #[must_use]
-    pub fn learned(held: f64) -> Self {
+    pub fn held(self, held: f64) -> Self {
         let factor = (held / HELD_FOR).clamp(1.0, LARGEST_FACTOR);
-        Self { progress: factor * Self::LEARNED.progress, ..Self::LEARNED }
+        Self { progress: factor * self.progress, ..self }
     }
 
     /// Returns what it costs a second that the motion may be another than expected: an error of a second of it.

@@ -7,8 +7,11 @@
 
 mod commission;
 mod commissioned;
+#[path = "../drawn_paths.rs"]
+mod drawn_paths;
 mod fault_matrix;
 mod faults_by_name;
 mod on_its_feet;
 mod sequences;
 mod strangers;
+mod thirty_paths;
