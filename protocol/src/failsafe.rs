@@ -1,9 +1,9 @@
-//! What happens to a robot whose commands stay away, and from which battery voltage it warns: the
-//! figures that robot, operator and tests share. The firmware's `fast/supervisor.rs` obeys them, and its `link.rs` before arming.
+//! Deadlines of the failsafe and the battery warning of a new robot, shared by robot, operator and tests. The firmware's
+//! `fast/supervisor.rs` applies the deadlines, and its `link.rs` the rules for arming.
 //!
-//! A rotor turns for at most [`LONGEST_MOVEMENT`] after its operator's last intent to move, whatever a network does: for
-//! the age up to which a command counts, and for the ramp down. Both are settings, so a robot arms only while
-//! they keep it together ([`longest_command_age`]).
+//! A rotor turns for at most [`LONGEST_MOVEMENT`] after its operator's last intent to move, on any network: the command age plus
+//! the ramp down. Both are settings, so the robot arms only while their sum stays within the limit
+//! ([`longest_command_age`]).
 //!
 //! Silence counts from the last valid command. moteus stops after 0.1 s, Crazyflie after 0.5 and
 //! 2 s, PX4's offboard mode after 1 s; Betaflight holds for 0.3 s and drops after 1.5 s.
@@ -28,19 +28,19 @@ const RAMP_ENDS_MS: u32 = 75;
 const LONGEST_RAMP_MS: u32 = 400;
 /// Fastest shaking, mHz.
 const FASTEST_MHZ: f32 = 35_000.0;
-/// Slowest ramp, Hz/s, by which rotors come to rest that are to stop, because commands stay away or somebody asks for it,
-/// whatever the setting `frequency_ramp` is: just before they would brake.
+/// Slowest ramp down of a stop or a lost link, Hz/s. A lower setting `frequency_ramp` is overruled, because a ramp of more than
+/// 0.4 s ends by braking.
 pub const SLOWEST_RAMP: f32 = FASTEST_MHZ / (LONGEST_RAMP_MS - RAMP_ENDS_MS) as f32;
 
-/// Returns the longest time in which rotors come to rest that are to stop, by the setting `frequency_ramp`, Hz/s.
+/// Returns the longest ramp down of a stop or a lost link at this `frequency_ramp`, Hz/s.
 #[must_use]
 pub fn ramp_down(frequency_ramp: f32) -> Duration {
     let ramp_ms = (FASTEST_MHZ / frequency_ramp.max(SLOWEST_RAMP)) as u32;
     Duration::from_millis((ramp_ms + RAMP_ENDS_MS).into())
 }
 
-/// Returns the longest age of commands that a robot arms with whose setting `frequency_ramp` is this, Hz/s: what the ramp down
-/// leaves of [`LONGEST_MOVEMENT`].
+/// Returns the longest `command_age` with which a robot arms at this `frequency_ramp`, Hz/s: [`LONGEST_MOVEMENT`] less the ramp
+/// down.
 #[must_use]
 pub fn longest_command_age(frequency_ramp: f32) -> Duration {
     LONGEST_MOVEMENT.saturating_sub(ramp_down(frequency_ramp))
@@ -48,8 +48,8 @@ pub fn longest_command_age(frequency_ramp: f32) -> Duration {
 
 /// Silence after which the motors are disarmed: as in PX4's offboard mode.
 pub const LINK_LOST: Duration = Duration::from_secs(1);
-/// For how long commands must have come without a gap of [`LINK_LATE`] before the robot arms: twice
-/// [`COMMAND_DEADLINE`], so that whoever arms has shown that the link can keep it.
+/// Time without a gap of [`LINK_LATE`] between commands that the robot asks for before it arms: twice [`COMMAND_DEADLINE`], as a
+/// proof that the link can keep this deadline.
 pub const PROVING_TIME: Duration = Duration::from_millis(500);
 /// Bus voltage below which a new robot reports a low battery, volt: 3.3 V for each of three cells.
 pub const BATTERY_LOW_VOLTS: f32 = 9.9;

@@ -17,15 +17,15 @@
 //! | 9 Renewal | robot | 48 | session u32, counter u64, ciphertext 16, tag |
 //! | 10 Held | robot | 52 | client nonce 16, name of the holder 16 or zeros where its key is that of the asker, tag |
 //!
-//! What the operator seals begins with its echo ([`ECHO_LENGTH`] bytes): how many of the robot's
-//! sealed datagrams of the session the operator had seen up to the newest, 0 for the Accept alone.
+//! A sealed message of the operator begins with its echo ([`ECHO_LENGTH`] bytes): the number of the robot's newest sealed
+//! datagram that the operator had seen in the session, 0 for the Accept alone.
 //!
 //! The first 14 bytes of Hello and the whole of Refusal are the same in every version, so that
 //! ends of different versions can report that they differ. No answer is longer than the datagram
 //! that it answers: the robot amplifies nothing.
 //!
-//! This module knows the layout only; [`crate::session`] defines what the datagrams mean and what
-//! protects them. Parsing never panics and never copies.
+//! This module knows the layout only; [`crate::session`] defines meaning and protection of the datagrams. Parsing never panics
+//! and never copies.
 
 use core::ops::Range;
 
@@ -112,7 +112,7 @@ pub const HANDSHAKE_LENGTHS: [(u8, usize); 8] = [
     (HELD, HEAD + NONCE_LENGTH + OPERATOR_NAME_LENGTH + TAG_LENGTH),
 ];
 
-/// What an operator asks for with its Hello.
+/// Purpose of a handshake, stated in its Hello.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Purpose {
@@ -163,7 +163,7 @@ pub struct Hello<'a> {
     pub version: Version,
     /// Fresh nonce of the operator.
     pub client_nonce: Nonce,
-    /// What it asks for; `None`: known to another version only.
+    /// Purpose of the handshake; `None`: known to another version only.
     pub purpose: Option<Purpose>,
     /// The one of the robot's keys that it has.
     pub key_id: KeyId,
@@ -275,11 +275,11 @@ pub enum Datagram<'a> {
         /// Tag over `signed` and both nonces.
         tag: Tag,
     },
-    /// The robot refuses a session because somebody else holds it.
+    /// The robot refuses a session because another operator or program holds it.
     Held {
         /// The nonce of the Hello or Confirm that is refused.
         client_nonce: Nonce,
-        /// Who holds it; `None` where that is another program with the key of the asker.
+        /// Name of the holder; `None` where another program with the same key holds the session.
         holder: Option<OperatorName>,
         /// All bytes that the tag covers.
         signed: &'a [u8],
@@ -408,7 +408,7 @@ fn handshake(kind: u8, fields: &[&[u8]], sign: impl FnOnce(&[u8]) -> Tag) -> Han
     frame
 }
 
-/// `repetition` lets each Hello differ from the one before, so that nobody's copy of one counts as the next.
+/// Returns a Hello. `repetition` differs in each, so that a copy of an earlier Hello never passes for the next.
 pub(crate) fn hello(
     version: Version,
     client_nonce: &Nonce,

@@ -4,19 +4,19 @@
 //!
 //! # Layers
 //!
-//! | module | what it defines |
+//! | module | contents |
 //! |---|---|
 //! | [`units`] | physical quantities and moments as types with ranges |
 //! | [`message`] | commands, replies, telemetry and events |
 //! | [`frame`] | the layout of datagrams in bytes |
-//! | [`failsafe`] | what silence of the operator and a low battery cause, and when |
-//! | [`session`] | handshake, encryption, replay protection: who may command the robot |
+//! | [`failsafe`] | deadlines for a silent operator, and the battery warning |
+//! | [`session`] | handshake, encryption and replay protection of an authorised operator |
 //! | [`provision`] | name, network and key of a robot, over its serial port |
 //! | [`network_key`] | the key of a WPA2 network, derived from its pass phrase in slices |
 //! | [`network_name`] | the name of a Wi-Fi network as bytes, and as text |
 //! | [`shaker`] | the two rotors' angles from phase and theta, and back |
 //!
-//! Everything is sans-IO: time, addresses and datagrams come in as arguments, and what to send is
+//! Everything is sans-IO: time, addresses and received datagrams are arguments, datagrams to send are
 //! returned. Nothing reads a clock, owns a socket, allocates, or panics on any input.
 //!
 //! # Example

@@ -85,9 +85,9 @@ pub enum Command {
     Ping(u32),
     /// Capture inner values of the fast loop, or read them.
     Scope(ScopeCommand),
-    /// Report what was kept of the last accident.
+    /// Report the crash of the run before the last start.
     Crash,
-    /// Report what the board's description says of its bridges.
+    /// Report dead time and PWM frequency of the bridges.
     Bridges,
 }
 
@@ -174,11 +174,11 @@ pub enum Outcome {
     ScopeRows(ScopeRows),
     /// The board's bridges.
     Bridges(Bridges),
-    /// What was kept of the last accident; `None`: there was none since power came.
+    /// Crash of the run before the last start; `None`: none since power-on.
     Crash(Option<CrashReport>),
 }
 
-/// The robot's name, its firmware, and what it last started after.
+/// Name, firmware and reset reason of a robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Identity {
     /// Chosen when the robot was provisioned.

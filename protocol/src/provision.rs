@@ -253,7 +253,7 @@ pub enum Answer {
     Done,
     /// Refused; nothing was changed.
     Refused(ProvisionRefusal),
-    /// To [`Request::Prove`]: what [`Key::prove`](crate::session::Key::prove) returns; `None` without that key.
+    /// To [`Request::Prove`]: the tag of [`Key::prove`](crate::session::Key::prove); `None` without that key.
     Proof(Option<Tag>),
     /// To [`Request::Operators`]: their names.
     Operators(Vec<OperatorName, MAXIMUM_OPERATORS>),
@@ -403,7 +403,7 @@ pub enum ProvisionRefusal {
     /// The storage could not be written.
     #[error("the robot could not write its storage")]
     Storage,
-    /// The robot has no owner yet, who could add or revoke operators.
+    /// The robot has no owner yet. An owner alone adds and revokes operators.
     #[error("the robot has no owner yet: provision it first")]
     Unprovisioned,
     /// There is no room for another operator.
@@ -412,7 +412,7 @@ pub enum ProvisionRefusal {
     /// Another operator has this name.
     #[error("another operator has this name: choose another, or revoke that one first")]
     Taken,
-    /// The only operator is not revoked: nobody could command the robot.
+    /// The only operator is not revoked, because no operator would be left.
     #[error("the robot has no other operator: add one first, or use --new-key or --forget")]
     Last,
     /// No operator has a key with this identifier.

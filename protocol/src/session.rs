@@ -16,8 +16,9 @@
 //! ```
 //!
 //! - **Tags of the handshake** are HMAC-SHA256 under a key derived from the pre-shared key, cut to
-//!   16 bytes, over every byte of the datagram, the schema key and what it answers: Challenge the client
-//!   nonce, Accept the tag of Confirm. Challenge proves the robot fresh to the operator, Confirm the operator to the robot.
+//!   16 bytes, over every byte of the datagram, the schema key and a link to the datagram that is answered: Challenge covers
+//!   the client nonce, Accept the tag of Confirm. Challenge proves the robot fresh to the operator, Confirm the operator to
+//!   the robot.
 //! - **Key id**: a public number that is derived from the key ([`Key::id`]) states which of its keys the
 //!   robot is to try, so that a forged datagram costs it one tag at most, however many it has.
 //! - **The robot's nonce is a cookie**: HMAC-SHA256 over epoch, the operator's address and the
@@ -25,34 +26,34 @@
 //!   accepts. So it stores no state for an operator that has not proved to hold the key, and an
 //!   old Confirm never opens a session again. Cookies are good for [`COOKIE_LIFE`].
 //! - **Keys of a session**, one for each direction, and the session's id are HKDF-SHA256 with both nonces as
-//!   salt and the schema key as info. What it extracts from is the pre-shared key, the secret on which the ephemeral keys agree
+//!   salt and the schema key as info. The input is the pre-shared key, the shared secret of the ephemeral keys
 //!   by X25519 (RFC 7748), and their public halves.
 //! - **Sealed datagrams** are ChaCha20-Poly1305 with the counter as nonce and the header as
 //!   associated data. Counters are 64-bit, start at 0 and refuse to wrap. A sliding
 //!   [`ReplayWindow`] lets each through once.
-//! - **Newest wins**: the robot drops a message older than one already taken. The operator drops telemetry older than what it has
-//!   already shown.
+//! - **Newest wins**: the robot drops a message older than one already taken. The operator drops telemetry older than that already
+//!   shown.
 //! - An empty sealed message closes the session (goodbye).
 //!
 //! # Forward secrecy
 //!
-//! An ephemeral key is made for one handshake and wiped once the keys of the session are derived. So whoever recorded a
-//! session and learns the pre-shared key later can neither read it nor seal for it. The shape is that of Noise's NNpsk0: the
-//! ephemeral keys prove nothing by themselves, the tags under the pre-shared key do. It is kept in the handshake above and not
-//! left to a library of Noise (clatter 2.3 was weighed): such a library knows neither cookies nor lost and repeated
-//! datagrams, which are most of this module, and its messages would be wrapped in ours.
+//! An ephemeral key is made for one handshake and wiped once the keys of the session are derived. So an attacker
+//! who recorded a session and learns the pre-shared key later can neither read it nor seal for it. The shape is that of
+//! Noise's NNpsk0: the ephemeral keys prove nothing by themselves, the tags under the pre-shared key do. It is kept in the
+//! handshake above and not left to a library of Noise (clatter 2.3 was weighed): such a library knows neither cookies nor
+//! lost and repeated datagrams, which are most of this module, and its messages would be wrapped in ours.
 //!
-//! Multiplications on the curve cost the robot a hundred times what a tag does. It does two for each session, and none
-//! before tag and cookie of a Confirm hold; a cookie pays for one try. An ephemeral key of small order, with which
-//! everybody would know the secret, is refused.
+//! A multiplication on the curve costs the robot a hundred times a tag. The robot does two for each session, and none
+//! before tag and cookie of a Confirm hold; a cookie pays for one try. An ephemeral key of small order, which makes the
+//! secret public, is refused.
 //!
 //! # Freshness
 //!
-//! Whatever the operator seals carries its *echo*: the newest counter of the robot's datagrams that
-//! it has seen in this session (the idea of the Echo option, RFC 9175). The robot remembers when it
+//! Each sealed datagram of the operator carries its *echo*: the newest counter of the robot's datagrams that
+//! the operator has seen in this session (the idea of the Echo option, RFC 9175). The robot remembers when it
 //! sent its recent datagrams, so the echo names a *moment* on its own clock, and the operator sealed
-//! the command after that moment: the robot knows how old a command is at most, whoever carried it
-//! and for how long. The *age* of a command is the time since its moment. Rounding
+//! the command after that moment: the robot knows how old a command is at most, on any
+//! way through the network. The *age* of a command is the time since its moment. Rounding
 //! ([`SEND_SLOT`]) makes it look older, never younger.
 //!
 //! A command is *fresh* while its age is at most the command age
@@ -73,8 +74,8 @@
 //!
 //! # A stop from any operator
 //!
-//! Stopping must not wait for whoever holds the session, nor for a program of his that hangs. So a
-//! Hello names its purpose, and for a stop there is no busy:
+//! A stop must not wait for the holder of the session, whose program may hang. So a Hello names its purpose, and a stop is
+//! never refused as busy:
 //!
 //! ```text
 //! operator                                  robot
@@ -86,8 +87,8 @@
 //!
 //! Stop and Stopped are tagged under a key derived for stops alone. A cookie stops the robot once:
 //! a repeated Stop is answered again and changes nothing, and none counts longer than
-//! [`STOP_COOKIE_LIFE`] after its Challenge. The session of whoever drives goes on, and an event states
-//! who stopped the robot. [`StopSession`] repeats what is unanswered every [`STOP_RETRY`].
+//! [`STOP_COOKIE_LIFE`] after its Challenge. The session of the holder goes on, and an event names
+//! the operator who stopped the robot. [`StopSession`] repeats an unanswered datagram every [`STOP_RETRY`].
 //!
 //! # Life of the keys
 //!
@@ -96,8 +97,8 @@
 //! secret that was derived with the present keys for this alone. That costs hashes, no multiplication, so a robot renews
 //! while it moves; the pre-shared key opens no renewal, and no later secret an earlier one. Counters, replay window and echo count on,
 //! and nothing waits: the operator seals with the new keys once it has the robot's nonce, the robot
-//! once it has opened what they seal. What is under way under the former keys counts for
-//! [`OLD_KEYS_LIFE`] more, then they are erased. A session that is not renewed ends with its keys.
+//! once it has opened a datagram that they sealed. Datagrams under way under the former keys count for
+//! [`OLD_KEYS_LIFE`] more, then these keys are erased. A session that is not renewed ends with its keys.
 //!
 //! # Refusals
 //!
@@ -181,7 +182,7 @@ pub const SESSION_LIFE: Duration = Duration::from_secs(600);
 /// Age of its keys from which the operator asks for new ones: half their life, so that a network that is
 /// gone for minutes does not end the session.
 pub const SESSION_RENEWAL: Duration = Duration::from_secs(300);
-/// Time for which former keys open what is under way: no command counts that is older.
+/// Time for which former keys open datagrams under way: the largest command age.
 pub const OLD_KEYS_LIFE: Duration = LONGEST_COMMAND_AGE;
 /// Length of the cookie's epoch: the resolution of the moment at which a session counts as held.
 pub const COOKIE_EPOCH: Duration = Duration::from_millis(250);

@@ -1,4 +1,4 @@
-//! The settings of a robot, with what each is for: the one table of which the robot makes its settings and the
+//! Table of a robot's settings with unit, range, default and purpose. The robot makes its settings from this table, and the
 //! operator's programs their explanations.
 
 /// Passes the lines of all settings to the macro `$with`, as
@@ -64,7 +64,7 @@ macro_rules! descriptions {
 }
 settings_table!(descriptions);
 
-/// Returns what the setting of this name is for; `None` for a name that is not in the table.
+/// Returns the purpose of this setting; `None` for a name that is not in the table.
 #[must_use]
 pub fn description(name: &str) -> Option<&'static str> {
     let motor = name.strip_prefix("top_").or_else(|| name.strip_prefix("bottom_"));

@@ -2,7 +2,7 @@
 //!
 //! A quantity is a finite `f32` in the unit that its type names. Constructors refuse NaN,
 //! infinities and values outside the type's range, and so does deserialisation: every value that
-//! exists is valid. The ranges here are what is physically sensible for a machine of this kind;
+//! exists is valid. The ranges here are physically sensible for a machine of this kind;
 //! the range of a *command* is narrower and belongs to [`Setpoint`](crate::message::Setpoint).
 
 use core::fmt;

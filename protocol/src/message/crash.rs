@@ -1,4 +1,4 @@
-//! What the robot kept of its last accident.
+//! Report of the run before the last start: how it ended, and its last fault.
 
 use core::fmt;
 
@@ -24,7 +24,7 @@ pub type ProgramCounters = Vec<u32, PROGRAM_COUNTERS>;
 pub struct BuildId(pub [u8; 8]);
 
 impl BuildId {
-    /// Takes the beginning of a SHA-256. `None` when it is all zeros: nobody has filled it in.
+    /// Takes the first 8 bytes of a SHA-256; `None` when all are zero, as in an image without a build id.
     #[must_use]
     pub fn of(sha256: &[u8; 32]) -> Option<Self> {
         let first = *sha256.first_chunk()?;
@@ -38,7 +38,7 @@ impl fmt::Display for BuildId {
     }
 }
 
-/// How the robot was when its last fault was latched.
+/// State of the robot when its last fault was latched.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct FaultSummary {
     /// When the first of the faults was latched, on the clock of the run in which it was.
@@ -68,10 +68,10 @@ pub struct MotorCurrents {
     pub quadrature: Amperes,
 }
 
-/// What the robot kept of the run before its last start, when that run met a fault or ended by accident.
+/// Report of the run before the last start, kept when that run met a fault or did not end by power-off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct CrashReport {
-    /// What ended the run.
+    /// Reset that ended the run.
     pub reset: ResetReason,
     /// Beginning of the panic message; empty when it was no panic.
     pub message: PanicMessage,

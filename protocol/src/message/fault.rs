@@ -31,11 +31,11 @@ pub enum Fault {
     Alignment,
     /// The current sensors disagree, or read far from zero at rest.
     CurrentSense,
-    /// The stored settings are unreadable; the defaults are in force, and what the motors are like is assumed.
+    /// The stored settings are unreadable; the defaults are in force, and the values of the motors count as assumed.
     Settings,
     /// A rotor shivers where it should rest: the loops that hold it are too quick for their encoders or motors.
     Shiver,
-    /// The reading of the bus contradicts what the motors show.
+    /// The measured bus voltage contradicts the motors' back-EMF and duties.
     BusSense,
 }
 

@@ -1,5 +1,5 @@
-//! Orders and permits: the whole of what an operator wants, and the number by which the robot knows that he has seen its last
-//! halt.
+//! Orders and permits. An order states everything that an operator wants of the robot now; its permit proves that the operator
+//! has seen the robot's last halt.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -36,11 +36,11 @@ impl Permit {
     }
 }
 
-/// What an operator wants now, whole. The operator's program repeats it every 20 ms as its sign of life; the newest order of a
-/// session counts alone. What calms the robot needs no permit.
+/// Everything that an operator wants of the robot now. The operator's program repeats the order every 20 ms as its sign of life;
+/// only the newest order of a session counts. [`Order::Off`] and [`Order::Stop`] need no permit.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, Schema)]
 pub enum Order {
-    /// Disarm, and stay disarmed. The order of an operator who wants nothing.
+    /// Disarm, and stay disarmed. The default.
     #[default]
     Off,
     /// Align the motors where needed, then hold the rotors at rest.

@@ -24,7 +24,7 @@ pub enum ParameterCommand {
     List(u16),
     /// Store all settings in flash.
     Save,
-    /// Return to the defaults, until power-off unless saved: what the motors are like is assumed then.
+    /// Return to the defaults, until power-off unless saved. The values of the motors then count as assumed.
     Reset,
     /// Change one setting as [`ParameterCommand::Set`] does, and say how its value is known. The mark of a setting that
     /// has none is ignored.
@@ -40,7 +40,7 @@ pub enum ParameterCommand {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
 #[repr(u8)]
 pub enum Mark {
-    /// Nobody entered or measured it, or what it follows from was changed since: an assumption is in force.
+    /// The default, or a value measured before a setting that it depends on was changed.
     Assumed,
     /// An operator entered it.
     Entered,
@@ -68,6 +68,6 @@ pub struct Parameter {
     pub minimum: f32,
     /// Largest accepted value.
     pub maximum: f32,
-    /// How it is known. `None` for what is no motor's value, unless its stored value could not be used: it is assumed then.
+    /// Origin of a motor's value; `None` for other settings, except those whose stored value was unusable (then `Assumed`).
     pub mark: Option<Mark>,
 }

@@ -23,7 +23,7 @@ impl fmt::Display for Age {
     }
 }
 
-/// Writes what to set instead of a position bandwidth, Hz; 0 when no other will do.
+/// Writes the position bandwidth, Hz, that would be accepted; 0 when none would be.
 struct Instead(f32);
 
 impl fmt::Display for Instead {
@@ -146,7 +146,7 @@ pub enum Refusal {
         /// Setting, microseconds.
         actuation_delay: f32,
     },
-    /// The robot halted by itself, and nobody has asked for movement since.
+    /// The robot halted by itself, and no operator has asked for movement since.
     #[error(
         "the robot halted by itself, for a fault or because no command came, and moves again only when a person asks for it"
     )]

@@ -21,7 +21,7 @@ pub enum ResetReason {
     FastLoop,
     /// The tasks stood still: their watchdog restarted the robot.
     Tasks,
-    /// The robot's program met what must never happen, at this place: the end of the file's name, and the line.
+    /// The robot's program panicked at this place: end of the file's name, and line.
     Panic(Name),
     /// Something else, for example the reset button.
     Other,

@@ -1,8 +1,8 @@
 //! The scope: inner values of the fast loop, tick by tick, kept in the robot's memory until they are fetched.
 //!
-//! A ring of rows always runs; a row holds one value of each channel, once a tick. At its trigger the scope goes on
-//! until the ring is full of what was wanted before and after it, and then waits to be read. A plan of an operator that
-//! does not wait for a fault holds as long as the session: then the robot watches for faults again.
+//! A ring of rows always runs; a row holds one value of each channel, once a tick. After its trigger the scope goes on
+//! until the ring holds the wanted rows before and after the trigger, and then waits to be read. An operator's plan
+//! with another trigger than a fault ends with the session: the robot then watches for faults again.
 
 use heapless::Vec;
 use postcard_schema::Schema;
@@ -19,7 +19,7 @@ pub const SCOPE_RATE_HZ: u32 = 10_000;
 /// Most values in one reply.
 pub const SCOPE_VALUES_PER_REPLY: usize = 224;
 
-/// What can be captured. Angles, speeds and q count clockwise seen from above, as f and theta do.
+/// A value that can be captured. Angles, speeds and q count clockwise seen from above, as f and theta do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
 #[repr(u8)]
 pub enum Channel {
@@ -97,7 +97,7 @@ names!(Channel {
     Bus: "bus",
 });
 
-/// What the value of a channel is.
+/// Physical quantity of a channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// 2^-11 A, 16 A either way.
@@ -135,7 +135,7 @@ impl Quantity {
 }
 
 impl Channel {
-    /// Returns what its values are.
+    /// Returns the physical quantity of its values.
     #[must_use]
     pub const fn quantity(self) -> Quantity {
         match self {
@@ -162,7 +162,7 @@ impl Channel {
     }
 }
 
-/// What the scope waits for.
+/// Event at which a capture is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Trigger {
     /// Nothing: it captures at once.
@@ -182,19 +182,19 @@ pub enum Trigger {
     Pattern,
 }
 
-/// What is to be captured.
+/// Channels, trigger and rows of a capture.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct ScopePlan {
     /// Channels, one value of each in a row; at least one.
     pub channels: Vec<Channel, SCOPE_CHANNELS>,
-    /// What it waits for.
+    /// Event at which the capture is taken.
     pub trigger: Trigger,
     /// Rows to keep from before the trigger; fewer than [`ScopePlan::rows`].
     pub before: u16,
 }
 
 impl ScopePlan {
-    /// Returns what a robot watches by default: the last 200 ms before a fault, and 40 ms after it.
+    /// Returns the default plan: 200 ms before a fault and 40 ms after it.
     #[must_use]
     pub fn watch() -> Self {
         let channels = [
@@ -230,7 +230,7 @@ impl ScopePlan {
 /// A command to the scope.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub enum ScopeCommand {
-    /// Forget what was captured, and begin with this plan.
+    /// Discard the present capture, and begin with this plan.
     Begin(ScopePlan),
     /// Report how far it is.
     Status,
@@ -249,10 +249,10 @@ pub enum ScopeState {
     Complete,
 }
 
-/// How far a capture is, and of what.
+/// Plan and progress of a capture.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ScopeStatus {
-    /// What is captured.
+    /// Plan of the capture.
     pub plan: ScopePlan,
     /// How far it is.
     pub state: ScopeState,

@@ -1,4 +1,4 @@
-//! What the robot reports of itself: telemetry many times a second, and events.
+//! Reports of the robot: telemetry many times a second, and events.
 
 use core::time::Duration;
 
@@ -73,7 +73,7 @@ pub struct LoopTiming {
     pub overruns: u32,
 }
 
-/// What an encoder says of its magnet.
+/// State of a magnet, as its encoder reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub enum Magnet {
     /// Nothing is wrong with it.
@@ -97,7 +97,7 @@ pub struct EncoderHealth {
     /// Readings that were believed though they were 2.8 to 11 degrees from where the rotor was expected: each pulls the
     /// motor.
     pub corrected: u32,
-    /// What it says of its magnet.
+    /// State of its magnet.
     pub magnet: Magnet,
 }
 
@@ -116,7 +116,7 @@ pub struct Telemetry {
     pub stopped: bool,
     /// Whether commands are late: the first step of the failsafe ladder.
     pub link_late: bool,
-    /// Whether voltage or current hold f below what is asked for. An event reports it, too, which may be lost.
+    /// Whether voltage or current hold f below its setpoint. [`Event::FrequencyLimited`] reports the same, but may be lost.
     pub frequency_limited: bool,
     /// Permit that an order has to carry to begin anything.
     pub permit: Permit,
@@ -153,9 +153,9 @@ pub struct Telemetry {
     pub timing: LoopTiming,
     /// How well the robot receives the operator.
     pub link: LinkQuality,
-    /// Who holds the session.
+    /// Operator that holds the session.
     pub operator: OperatorName,
-    /// Who latched the stop, while it is.
+    /// Operator that latched the stop; `None` without a stop.
     pub stopped_by: Option<OperatorName>,
     /// When the robot was last asked to stop, or a fault was last latched, on its clock, while a stop or a fault is latched.
     pub latched_at: Option<Instant>,
@@ -176,7 +176,7 @@ pub struct EventReport {
     pub number: u32,
     /// Time on the robot's clock.
     pub time: Instant,
-    /// What happened.
+    /// The event.
     pub event: Event,
 }
 
@@ -221,13 +221,13 @@ pub enum Event {
     CommandAge,
     /// This operator stopped the robot from outside the session.
     StoppedFromOutside(OperatorName),
-    /// The asked f is beyond what voltage and current reach: the robot holds this one, with theta.
+    /// Voltage or current do not reach the commanded f: the robot holds this f, and theta.
     FrequencyLimited(Hertz),
     /// An encoder says that its magnet is not good. Sent once a start for each kind.
     Magnet {
         /// 0 top, 1 bottom.
         motor: u8,
-        /// What is wrong.
+        /// State of the magnet.
         magnet: Magnet,
     },
 }

@@ -1,7 +1,7 @@
-//! Trials: drives of motors that nobody knows yet, which the scope captures and the operator's program measures by.
+//! Trials: drives of motors with unknown values. The scope captures them, and the operator's program finds the values.
 //!
-//! A trial ends in a disarmed robot, whatever comes. It begins with rest and the zero of the current sense. Then a field of
-//! fixed direction grows from nearly nothing until a phase carries [`Trial::current_ma`], as its amplifier shows it, or
+//! After each trial, also a failed one, the robot is disarmed. A trial begins with rest and the zero of the current sense. Then a
+//! field of fixed direction grows from nearly nothing until a phase carries [`Trial::current_ma`], as its amplifier shows it, or
 //! the bridge gives no more; [`TRIAL_BOUND_MA`] ends the trial in an over-current fault, and no current at all in a
 //! fault of the current sense. Half a second later, with the voltage held, the [`Pattern`] begins.
 
@@ -30,13 +30,13 @@ pub struct Trial {
     pub current_ma: u16,
     /// Electrical angle of the field where it grows, from phase A, 2^-16 turn.
     pub angle: u16,
-    /// What the field does then.
+    /// Motion of the field afterwards.
     pub pattern: Pattern,
     /// For how long, at most 10,000 ticks.
     pub ticks: u16,
 }
 
-/// What the field of a trial does once its voltage is held.
+/// Motion of a trial's field once its voltage is held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Pattern {
     /// Its voltage is halved for so many ticks, then whole for as many, and so on; at least 1.
@@ -106,7 +106,7 @@ impl Trial {
     }
 }
 
-/// What the board's description says of the bridges: what a trial cannot distinguish from the motor.
+/// Figures of the bridges from the board's description, which no trial can tell from the motor's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct Bridges {
     /// Time in each PWM period in which neither switch of a phase conducts, nanoseconds; 0 where it is not known.

@@ -39,16 +39,15 @@ struct Ciphers {
     session: u32,
     seal: ChaCha20Poly1305,
     open: ChaCha20Poly1305,
-    /// What the next keys are made from.
+    /// Secret from which a renewal derives the next keys.
     next: Zeroizing<[u8; 32]>,
 }
 
 /// One end of a session. Its counters count on when its keys are renewed.
 pub(super) struct Channel {
-    /// What seals.
+    /// Keys that seal.
     present: Ciphers,
-    /// What opens besides: the next keys until the other end uses them, or the former ones for what is
-    /// under way.
+    /// Other keys that open: the next ones until the other end uses them, or the former ones for datagrams under way.
     other: Option<Ciphers>,
     /// When the former keys are erased; `None` while the other keys are the next.
     erase_at: Option<Instant>,
@@ -56,7 +55,7 @@ pub(super) struct Channel {
     since: Instant,
     next_counter: u64,
     window: ReplayWindow,
-    /// Whether what is sealed begins with the echo.
+    /// Whether sealed messages begin with the echo.
     echoes: bool,
 }
 
@@ -85,7 +84,7 @@ impl Channel {
         self.present.session
     }
 
-    /// Returns whether the keys of this number open what arrives.
+    /// Returns whether keys of this session number are known.
     pub(super) fn knows(&self, session: u32) -> bool {
         self.present.session == session
             || self.other.as_ref().is_some_and(|other| other.session == session)
@@ -104,7 +103,7 @@ impl Channel {
         self.erase_at = None;
     }
 
-    /// Uses the keys that were made ready, if any, and keeps the former ones for what is under way.
+    /// Uses the keys that were made ready, if any, and keeps the former ones for datagrams under way.
     pub(super) fn switch(&mut self, now: Instant) {
         if let Some(other) = self.other.as_mut().filter(|_| self.erase_at.is_none()) {
             core::mem::swap(&mut self.present, other);
@@ -217,7 +216,7 @@ impl Ciphers {
 const _: () =
     assert!(SEALED_HEADER + MAXIMUM_MESSAGE + TAG_LENGTH == crate::frame::MAXIMUM_DATAGRAM);
 
-/// Splits what an operator sealed into its echo and its message.
+/// Splits the opened bytes of an operator's datagram into echo and message.
 pub(super) fn split_echo(plain: &Plain) -> Option<(u64, &[u8])> {
     let (echo, message) = plain.split_first_chunk::<ECHO_LENGTH>()?;
     Some((u64::from_le_bytes(*echo), message))

@@ -64,7 +64,7 @@ impl fmt::Display for ConnectError {
 impl core::error::Error for ConnectError {}
 
 impl ConnectError {
-    /// Returns what a refusal for this reason by a robot of this version means.
+    /// Returns the error of a refusal for this reason by a robot of this version.
     pub(super) const fn refused(reason: RefusalReason, robot: Version) -> Self {
         match reason {
             RefusalReason::Version => Self::OtherVersion(robot.number),

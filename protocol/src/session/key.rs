@@ -139,18 +139,18 @@ pub(super) fn same(left: &Tag, right: &Tag) -> bool {
 
 /// Makes the tags of the handshake.
 ///
-/// The signed bytes begin with magic and kind, so no tag of one kind fits another. It keeps the key alone, a sixth of
-/// what HMAC takes once it has absorbed it: a robot has two of these for each operator.
+/// The signed bytes begin with magic and kind, so no tag of one kind fits another. It keeps the key
+/// alone, a sixth of the size of an HMAC state: a robot has two signers for each operator.
 #[derive(Clone)]
 pub(super) struct Signer(Zeroizing<[u8; 32]>);
 
 impl Signer {
-    /// Creates what signs the handshake.
+    /// Creates the signer of the handshake.
     pub(super) fn new(key: &Key) -> Self {
         Self::derive(key, b"flix handshake")
     }
 
-    /// Creates what signs a stop outside a session.
+    /// Creates the signer of a stop outside a session.
     pub(super) fn for_stop(key: &Key) -> Self {
         Self::derive(key, b"flix stop")
     }
@@ -203,8 +203,8 @@ impl EphemeralKey {
         x25519(*self.0, X25519_BASEPOINT_BYTES)
     }
 
-    /// Returns what only the two ends know that have a secret half each; `None` when the other end's key is one of those
-    /// that make it zero, which everybody knows (RFC 7748, section 6.1).
+    /// Returns the shared secret of X25519; `None` for a public key of small order, which makes the secret zero (RFC 7748,
+    /// section 6.1).
     pub(super) fn agree(&self, other: &PublicKey) -> Option<Zeroizing<[u8; 32]>> {
         let shared = Zeroizing::new(x25519(*self.0, *other));
         let is_zero: bool = shared.ct_eq(&[0; 32]).into();
@@ -217,7 +217,7 @@ impl EphemeralKey {
 pub(super) struct SessionKeys {
     pub(super) to_robot: [u8; 32],
     pub(super) to_operator: [u8; 32],
-    /// What the next keys are made from when these are renewed.
+    /// Secret from which a renewal derives the next keys.
     pub(super) next: [u8; 32],
     pub(super) session: u32,
 }

@@ -35,7 +35,7 @@ pub enum Status {
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "handled and dropped, never stored")]
 pub enum OperatorReceived {
-    /// The handshake continues: send what [`OperatorSession::poll`] returns.
+    /// The handshake continues: send the datagram that [`OperatorSession::poll`] returns.
     Progress,
     /// The session is open.
     Connected,
@@ -74,8 +74,8 @@ const TIMED_COMMANDS: usize = 32;
 
 /// The operator's end of the link.
 ///
-/// Call [`OperatorSession::poll`] at the time of [`OperatorSession::poll_at`], and send what it
-/// returns. Never panics on any datagram.
+/// Call [`OperatorSession::poll`] at the time of [`OperatorSession::poll_at`], and send each datagram that it returns. Never
+/// panics on any datagram.
 pub struct OperatorSession {
     key: Key,
     key_id: KeyId,
@@ -263,8 +263,7 @@ impl OperatorSession {
         }
     }
 
-    /// Seals bytes that need not be a command, for tests of how a robot answers what it cannot
-    /// read.
+    /// Seals any bytes, for tests of a robot's answer to messages that it cannot read.
     ///
     /// # Errors
     /// As for [`OperatorSession::send`].

@@ -1,4 +1,4 @@
-//! Who may command a robot: operators with their keys.
+//! Operators of a robot, each with a name and a key.
 
 use core::fmt;
 

@@ -33,8 +33,8 @@ pub enum RobotReceived {
     Connected(HandshakeFrame),
     /// A message: authentic, not replayed, fresh, and newer than every message before.
     Message(ToRobot),
-    /// As [`RobotReceived::Message`], but not fresh: its operator may be gone since. Only what is
-    /// safe at any time may be done.
+    /// As [`RobotReceived::Message`], but older than the command age. Only orders that are safe at any time may be obeyed: the
+    /// operator may be gone.
     Late {
         /// The message.
         message: ToRobot,
@@ -45,8 +45,8 @@ pub enum RobotReceived {
     Unreadable(u32),
     /// The operator closed the session.
     Left,
-    /// This operator demands a stop, in a session or not, whoever holds it: latch the stop, and
-    /// send this back to the sender of the datagram.
+    /// This operator demands a stop outside a session, also while another holds it: latch the stop, and send this back to the
+    /// sender of the datagram.
     Stop(HandshakeFrame, OperatorName),
     /// Dropped, and counted in [`RobotSession::quality`]. When there is a frame, send it back to
     /// the sender of the datagram.
@@ -77,10 +77,10 @@ pub struct RobotSession {
 }
 
 /// Stops that are remembered: more than operators demand within the life of a cookie. One more makes all cookies of stops
-/// invalid, so that whoever demands a stop then asks for another.
+/// invalid: the next operator who demands a stop gets a new one.
 const STOPS: usize = 8;
 
-/// An operator, and what is derived from its key for every session.
+/// An operator with the signers that are derived from its key.
 struct Credential {
     name: OperatorName,
     key_id: KeyId,
@@ -224,7 +224,7 @@ impl RobotSession {
         self.command_age = age.min(LONGEST_COMMAND_AGE);
     }
 
-    /// Sets whether a stop is latched and the motors are not driven: what [`StopSession`] reports.
+    /// Sets whether a stop is latched and the motors are not driven, which Stopped states to [`StopSession`].
     ///
     /// [`StopSession`]: super::StopSession
     pub const fn set_at_rest(&mut self, is_at_rest: bool) {
@@ -237,8 +237,8 @@ impl RobotSession {
         self.command_age
     }
 
-    /// Returns the moment of the holder's newest fresh datagram: when the robot sent what the holder
-    /// had seen at that time. `None` while nobody holds the session.
+    /// Returns the moment of the holder's newest fresh datagram: the time at which the robot sent the newest datagram that the
+    /// holder had seen. `None` without a session.
     #[must_use]
     pub fn moment(&self) -> Option<Instant> {
         self.holder.as_ref().map(|holder| holder.moment)
@@ -529,7 +529,7 @@ fn refuse(
     RobotReceived::Dropped(reason, Some(answer))
 }
 
-/// Refuses, to whoever has this key, because this one holds the session.
+/// Refuses an operator, by its key, because another holds the session.
 fn held(client_nonce: &Nonce, key_id: &KeyId, holder: &Holder, signer: &Signer) -> RobotReceived {
     let other = (holder.key_id != *key_id).then_some(holder.name);
     let answer = frame::held(client_nonce, other, |signed| signer.tag(signed, &[]));

@@ -20,9 +20,9 @@ pub enum StopStatus {
     Failed(ConnectError),
 }
 
-/// Stops a robot without a session, whoever holds it.
+/// Stops a robot without a session, also while another operator holds the robot.
 ///
-/// Call [`StopSession::poll`] at the time of [`StopSession::poll_at`], and send what it returns, until
+/// Call [`StopSession::poll`] at the time of [`StopSession::poll_at`], and send each datagram that it returns, until
 /// the robot is at rest. Never panics on any datagram.
 pub struct StopSession {
     key_id: KeyId,
