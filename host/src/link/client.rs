@@ -139,7 +139,7 @@ struct Pressed {
 /// The operator's end of the link.
 ///
 /// After every call, and at the time of [`Client::transmit_at`]: call [`Client::transmit`] until it
-/// returns `None`, send what it returns, and take [`Client::update`]. Never panics on any datagram.
+/// returns `None`, send each datagram, and take [`Client::update`]. Never panics on any datagram.
 pub struct Client {
     session: OperatorSession,
     was_established: bool,
@@ -354,7 +354,7 @@ impl Client {
 
     /// Sends a request until it is answered, and returns its number. The answer, or that there is none, comes as an update.
     ///
-    /// Requests that change the robot are sent one after another. What moves it is an [order](Client::press).
+    /// Requests that change the robot are sent one after another. Movement takes an [order](Client::press).
     pub fn request(&mut self, now: Instant, command: Command) -> u32 {
         self.next_number = self.next_number.wrapping_add(1);
         let request = Request { number: self.next_number, command };
@@ -430,7 +430,7 @@ impl Client {
         self.telemetry.as_ref()
     }
 
-    /// Returns who latched the stop of the robot, as it reports.
+    /// Returns the operator that latched the stop, as the robot reports.
     #[must_use]
     pub fn stopped_by(&self) -> Option<OperatorName> {
         self.telemetry.and_then(|telemetry| telemetry.stopped_by)
@@ -628,7 +628,7 @@ impl Client {
         }
         self.give_up_on_silence(now);
         if !self.was_established && now.since(self.ended) > DISARMED_AFTER {
-            // It has disarmed by itself, and whoever drives it now is somebody else.
+            // The robot has disarmed by itself since; movement now is another operator's.
             self.is_driving = false;
         }
         if let Some(frame) = self.stop_beside(now) {
@@ -705,7 +705,7 @@ impl Client {
     }
 
     /// Returns the message that is due: the order, then requests. A request that is repeated leaves halfway between two orders: the
-    /// robot drops what a later message overtakes, and a repetition in step with the orders would always be overtaken.
+    /// robot drops a message that a later one overtakes, which would happen to each repetition in step with the orders.
     fn due(&mut self, now: Instant) -> Option<ToRobot> {
         if now >= self.send_at {
             // A fixed rate; after a pause it starts anew and does not catch up.

@@ -22,9 +22,9 @@ pub const FIND_PATIENCE: Duration = Duration::from_millis(2500);
 const GREETING_PATIENCE: Duration = Duration::from_millis(300);
 /// Time after the first proof in which others may prove the same.
 pub(crate) const PROVERS: Duration = Duration::from_millis(300);
-/// How often it is found out then who answers first.
+/// Rounds in which these addresses compete for the first answer.
 const RACES: usize = 5;
-/// Interval of the looks for who that is.
+/// Interval at which a round looks for an answer.
 const LOOK: Duration = Duration::from_micros(200);
 /// Interval of the checks for answers and interruption.
 const SLICE: Duration = Duration::from_millis(10);
@@ -40,7 +40,7 @@ pub struct Found {
     pub addresses: Vec<IpAddr>,
     /// Its UDP port.
     pub port: u16,
-    /// What it announces, for example `board` and `version`. Not authenticated.
+    /// Announced properties, for example `board` and `version`. Not authenticated.
     pub properties: BTreeMap<String, String>,
 }
 
@@ -114,9 +114,9 @@ pub fn prove_all(robots: &[(Found, Option<Key>)]) -> Vec<Option<bool>> {
 }
 
 /// Searches for one robot by its name, for at most [`FIND_PATIENCE`], and returns the address that proves to have one of these
-/// keys; of several that do within 0.3 s, the one that answers soonest: somebody in between is never the quicker way.
-/// Whoever is in the network can answer for it, and faster; when nobody proves it, the first that answered is returned, whose
-/// handshake says what is wrong.
+/// keys; of several that do within 0.3 s, the one that answers soonest, because a relay in between is never quicker.
+/// Any device in the network can answer without proof, and faster. Without any proof the first that answered is returned: its
+/// handshake then names the error.
 ///
 /// # Errors
 /// When multicast does not work on this machine.
@@ -203,7 +203,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Takes what was found, if anything, greets it where it has the name, and returns who has proved a key since the last call.
+    /// Takes a found robot, if any, greets one of the searched name, and returns the addresses that have proved a key since the last
+    /// call.
     fn take(&mut self, found: Option<Found>) -> Vec<SocketAddr> {
         let named = found.filter(|it| it.name.eq_ignore_ascii_case(self.name));
         for address in named.iter().flat_map(Found::socket_addresses) {
@@ -313,7 +314,7 @@ impl Greeted {
     }
 }
 
-/// Takes what was found, if anything, and returns whether that is enough.
+/// Takes a found robot, if any, and returns whether the search may end.
 type Enough<'a> = dyn FnMut(Option<Found>) -> bool + 'a;
 
 /// Passes every robot found, and in between nothing, to `enough`, until it returns true or the time is over.
@@ -423,7 +424,7 @@ mod tests {
                 proved.extend(search.take(Some(found(name, address))));
             }
             let begin = Instant::now();
-            // A while longer: nobody proves twice.
+            // A while longer: no address proves twice.
             while proved.len() < 2 || begin.elapsed() < Duration::from_millis(300) {
                 assert!(begin.elapsed() < Duration::from_secs(10), "{proved:?}");
                 proved.extend(search.take(None));

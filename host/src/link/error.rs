@@ -1,4 +1,4 @@
-//! Why a robot does not do what it is asked: one list for requests, for runs, and for whoever shows it.
+//! Reasons for which a robot does not obey: one list for requests, for runs, and for programs that show them.
 
 use core::net::SocketAddr;
 
@@ -7,7 +7,7 @@ use flix_protocol::session::ConnectError;
 
 use super::{Update, explain};
 
-/// Why a robot does not do what it is asked, or cannot be asked.
+/// Reason for which a robot does not obey, or cannot be reached.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LinkError {
     /// The network failed.
@@ -18,7 +18,7 @@ pub enum LinkError {
     Unsent {
         /// The robot's address.
         to: SocketAddr,
-        /// The cause, and what to do.
+        /// The cause, and the remedy.
         why: &'static str,
     },
     /// The operating system gave no randomness for the handshake.
@@ -79,7 +79,7 @@ pub enum LinkError {
         "the robot stopped by itself: commands came too late, or not at all; `flix link-test` measures the link"
     )]
     Lapsed,
-    /// A stop is latched: who is named asked for it.
+    /// A stop is latched; the name is that of its operator.
     #[error("{0} stopped the robot; `flix clear` makes it ready again")]
     StoppedBy(OperatorName),
     /// The robot does not know this key any more.
@@ -102,7 +102,7 @@ impl LinkError {
         Self::Faulted { first: telemetry.first_fault, all: telemetry.faults }
     }
 
-    /// Returns why a robot that is not driven cannot be armed: its faults, or who stopped it.
+    /// Returns why a robot that is not driven cannot be armed: its faults, or the operator that stopped it.
     pub(crate) fn of_idle(telemetry: &Telemetry) -> Option<Self> {
         match telemetry.stopped_by {
             _ if !telemetry.faults.is_empty() => Some(Self::faulted(telemetry)),
@@ -128,7 +128,7 @@ impl LinkError {
         }
     }
 
-    /// Returns why a wish ended; `None` where telemetry states it in full: who stopped the robot, and its faults.
+    /// Returns why a wish ended; `None` where telemetry states the reason in full: faults, or the operator that stopped the robot.
     pub(crate) fn ended(why: Option<&Refusal>) -> Option<Self> {
         match why {
             Some(Refusal::Stopped | Refusal::Faulted(_)) => None,

@@ -1,9 +1,9 @@
-//! Explains what the robot reports, in plain words, with what to do.
+//! Plain words for the robot's reports, each with a remedy.
 
 use flix_protocol::failsafe::{COMMAND_AGE, COMMAND_DEADLINE, LINK_LOST, LONGEST_MOVEMENT};
 use flix_protocol::message::{Event, Fault, Magnet, Refusal, ResetReason, State};
 
-/// Returns what a fault means and what to do.
+/// Returns meaning and remedy of a fault.
 #[must_use]
 pub const fn fault(fault: Fault) -> &'static str {
     match fault {
@@ -45,7 +45,7 @@ pub const fn fault(fault: Fault) -> &'static str {
     }
 }
 
-/// Returns what an encoder says of its magnet, with what to do.
+/// Returns the state of a magnet, with its remedy.
 #[must_use]
 pub const fn magnet(magnet: Magnet) -> &'static str {
     match magnet {
@@ -62,7 +62,7 @@ pub const fn magnet(magnet: Magnet) -> &'static str {
     }
 }
 
-/// Returns what to do about a restart that was an accident.
+/// Returns the remedy for an accidental restart.
 #[must_use]
 pub const fn reset(reset: &ResetReason) -> Option<&'static str> {
     match reset {
@@ -76,7 +76,7 @@ pub const fn reset(reset: &ResetReason) -> Option<&'static str> {
     }
 }
 
-/// Returns a state with what the motors do in it.
+/// Returns a state, with the motors' behaviour in it.
 #[must_use]
 pub const fn state(state: State) -> &'static str {
     match state {
@@ -89,7 +89,7 @@ pub const fn state(state: State) -> &'static str {
     }
 }
 
-/// Returns what to do about a refusal.
+/// Returns the remedy for a refusal.
 #[must_use]
 pub fn refusal(refusal: &Refusal) -> Option<String> {
     let hint = match refusal {
@@ -103,7 +103,7 @@ pub fn refusal(refusal: &Refusal) -> Option<String> {
         Refusal::Rested => {
             "look that nobody is at the robot, then start again; `flix link-test` shows the link"
         }
-        // What the ramp leaves of the longest movement; the setting's own range ends beyond it.
+        // The longest movement less the ramp down, which is below the setting's own maximum.
         Refusal::OutOfRange { name, maximum, .. }
             if name == "command_age" && *maximum < LONGEST_MOVEMENT.as_secs_f32() =>
         {
@@ -120,7 +120,7 @@ pub fn refusal(refusal: &Refusal) -> Option<String> {
     Some(hint.to_owned())
 }
 
-/// Returns what to do when a command is refused in this state.
+/// Returns the remedy for a command that is refused in this state.
 const fn blocking(state: State) -> &'static str {
     match state {
         State::Disarmed => "arm it first: `flix teleop` and `flix drive` do so",

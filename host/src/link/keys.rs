@@ -4,7 +4,7 @@
 //! The keys of the user are in the *keyring*, one file per robot:
 //! `$XDG_CONFIG_HOME/flix/robots/NAME.key` (`~/.config/flix/robots/NAME.key`). Beside a
 //! key, `NAME.address` holds the address of a robot with a fixed one, and `NAME.new` a key that was
-//! offered to the robot, for as long as nobody knows whether it has it: then both are kept. `NAME.forgotten` holds the key that a
+//! offered to the robot, while its answer is missing: both keys are kept until then. `NAME.forgotten` holds the key that a
 //! robot has erased at its owner's request.
 //!
 //! A file that other users can read is refused, as ssh does.
@@ -141,8 +141,8 @@ pub fn read(path: &Path) -> Result<Key, KeyError> {
     text.parse().map_err(|source| KeyError::Malformed { path: path.to_owned(), source })
 }
 
-/// Reads a file with a secret, which this option names; `-` is standard input. What [can be read once](file::is_read_once) is waited for. A byte order mark at
-/// the beginning, which some editors write, is left out.
+/// Reads a file with a secret, which this option names; `-` is standard input. A pipe, [which can be read
+/// once](file::is_read_once), is waited for. A byte order mark at the beginning, which some editors write, is left out.
 ///
 /// # Errors
 /// When it cannot be read, or other users can read it; when standard input is a terminal, which would show it.
@@ -202,7 +202,7 @@ pub struct Keyring {
 }
 
 impl Keyring {
-    /// Returns the keyring of the user who runs this program. Creates nothing.
+    /// Returns the keyring of the present user. Creates nothing.
     ///
     /// # Errors
     /// When neither `XDG_CONFIG_HOME` nor the home directory is known.
@@ -316,7 +316,7 @@ impl Keyring {
         write_new(&self.offered_file(name), key)
     }
 
-    /// Returns the key that was offered to this robot, and of which nobody knows whether it has it.
+    /// Returns the key that was offered to this robot and never acknowledged.
     ///
     /// # Errors
     /// When its file cannot be read.
@@ -345,7 +345,7 @@ impl Keyring {
         }
     }
 
-    /// Erases what was offered, if it is this key, or none that can be read: the robot did not take it.
+    /// Erases the offered key, if it is this one or unreadable: the robot did not take it.
     ///
     /// # Errors
     /// When the file cannot be erased.
@@ -361,8 +361,8 @@ impl Keyring {
         erase(&path)
     }
 
-    /// Keeps other programs from changing keys, until the file is closed. A file system without locks keeps nobody, and one that
-    /// holds the lock for long, as it was suspended, is waited for no longer.
+    /// Keeps other programs from changing keys, until the file is closed. A file system without locks keeps
+    /// none, and a lock that another program holds for long, for example a suspended one, is waited for no longer.
     fn lock(&self, patience: Duration) -> Result<File, KeyError> {
         self.create_directory()?;
         let path = self.directory.join(".lock");

@@ -1,10 +1,10 @@
 //! The operator's end of the link: from setpoints to datagrams and back.
 //!
-//! [`Client`] has no clock and no socket: it takes time and datagrams as arguments, and returns what
-//! to send and what happened. The simulator runs it in virtual time; [`udp`] runs it on a socket in
+//! [`Client`] has no clock and no socket: it takes time and datagrams as arguments, and returns
+//! datagrams to send and updates. The simulator runs it in virtual time; [`udp`] runs it on a socket in
 //! real time.
 //!
-//! # What the client does by itself
+//! # Behaviour without a call
 //!
 //! - **Order**: every [`KEEP_ALIVE`], and at once when it changes, the client sends the one order of its operator
 //!   ([`Order`](flix_protocol::message::Order)): its sign of life. Without a wish that is `Off`. The robot hears it four times

@@ -94,7 +94,7 @@ impl Path {
     }
 }
 
-/// Returns why a system sends nothing, and what to do, for errors that name a cause.
+/// Returns cause and remedy of a system that sends nothing, for errors that name a cause.
 const fn why_unsent(kind: io::ErrorKind) -> Option<&'static str> {
     match kind {
         io::ErrorKind::PermissionDenied => Some(
@@ -123,8 +123,8 @@ pub(super) fn connect(address: SocketAddr) -> io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// Returns the result of a socket; `None` when the error passes: nothing came in time, nobody listens there yet, or a
-/// network is away for a while.
+/// Returns the result of a socket; `None` for a passing error: no datagram in time, a closed port, or a network that is
+/// away for a while.
 ///
 /// # Errors
 /// When it does not pass.

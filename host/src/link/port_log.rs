@@ -51,7 +51,7 @@ impl PortLog {
         self.0.drain(..self.0.len().saturating_sub(KEPT));
     }
 
-    /// Returns why no answer came, and what to do.
+    /// Returns cause and remedy of a missing answer.
     fn cause(&self) -> &'static str {
         let text = String::from_utf8_lossy(&self.0).to_lowercase();
         let named = CAUSES.iter().find(|(phrases, _)| phrases.iter().any(|it| text.contains(it)));

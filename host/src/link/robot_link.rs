@@ -13,9 +13,9 @@ use super::{
     REVOKED_PATIENCE, TELEMETRY_LAG, TRY_AGAIN, Update, Wish, passes_by_itself,
 };
 
-/// Twice the longest time in which a robot ramps down and brakes what still turns.
+/// Twice the longest time in which a robot ramps down and brakes its rotors.
 pub(super) const DISARM_PATIENCE: Duration = Duration::from_secs(2);
-/// Longest time that passes between two looks at what has come.
+/// Longest time between two looks at received datagrams.
 pub(super) const LONGEST_WAIT: Duration = Duration::from_millis(20);
 
 /// A robot over its link: on a socket in real time ([`super::udp::Connection`]), or simulated. Implement
@@ -27,9 +27,9 @@ pub(super) const LONGEST_WAIT: Duration = Duration::from_millis(20);
 /// | [`insist`](RobotLink::insist) | while the robot's state passes by itself | an answer |
 /// | [`ask`](RobotLink::ask) | while the robot's state passes by itself | an error |
 ///
-/// What waits for something in a session ends where the session does, with [`LinkError::Connect`], [`LinkError::Revoked`],
-/// [`LinkError::Silent`], [`LinkError::Back`] or [`LinkError::Left`], and where time does not pass any more, with what
-/// [`RobotLink::wait`] returns.
+/// A method that waits in a session ends with the session, with [`LinkError::Connect`], [`LinkError::Revoked`],
+/// [`LinkError::Silent`], [`LinkError::Back`] or [`LinkError::Left`], and with the error of [`RobotLink::wait`] where time does not
+/// pass any more.
 pub trait RobotLink {
     /// Why the robot did not do as asked.
     type Error: From<LinkError>;
@@ -218,7 +218,7 @@ pub trait RobotLink {
         }
     }
 
-    /// Ends with a refusal; that of a stopped robot names who stopped it, as soon as telemetry states that.
+    /// Ends with a refusal; that of a stopped robot names the operator that stopped it, as soon as telemetry does.
     ///
     /// # Errors
     /// Always.
@@ -239,7 +239,7 @@ pub trait RobotLink {
         self.ask_setting(ParameterCommand::Get(setting_name(name)?))
     }
 
-    /// Asks what is answered by a setting.
+    /// Asks a question that is answered by a setting.
     ///
     /// # Errors
     /// As for [`RobotLink::ask`].
@@ -292,7 +292,7 @@ pub trait RobotLink {
         self.press_by(|client, now| client.insist_on(now, Wish::Arm, ARM_PATIENCE))?;
         // The client itself ends a wish without an effect, and says why.
         let deadline = self.operate().1 + ARM_PATIENCE + KEEP_ALIVE;
-        // What happens meanwhile is for whoever drives the robot then.
+        // Events meanwhile are for the caller, who drives the robot afterwards.
         let mut happened = Vec::new();
         let ended = self.look_in_session(deadline, |client, now, update| match update {
             Some(event @ Update::Event(_)) => {

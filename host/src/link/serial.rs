@@ -69,7 +69,7 @@ pub enum SerialError {
     Interrupted,
 }
 
-/// Returns what to do about a serial port that cannot be opened. `ports`: those of this computer.
+/// Returns the remedy for a serial port that cannot be opened. `ports`: those of this computer.
 fn advice(kind: io::ErrorKind, is_windows: bool, ports: &[PathBuf]) -> String {
     let group = if is_windows { "" } else { "; a port belongs to the group `dialout`" };
     match kind {
@@ -213,7 +213,7 @@ impl SerialRobot {
         }
     }
 
-    /// Sends a request that changes what the robot stores.
+    /// Sends a request that changes the robot's storage.
     ///
     /// # Errors
     /// When the robot does not answer, or refuses; then nothing has changed.

@@ -59,7 +59,7 @@ impl Statistics {
         }
     }
 
-    /// Takes over what each end misses of the other's datagrams in this session; `heard`: number of the newest order that the robot
+    /// Counts the datagrams of this session that each end misses; `heard`: number of the newest order that the robot
     /// has looked at.
     pub(super) fn count(&mut self, robot: &LinkQuality, heard: u64, operator: &LinkHealth) {
         self.present = [
@@ -129,7 +129,7 @@ impl Statistics {
         self.round_trips.back().copied()
     }
 
-    /// Returns the shortest of the stored round trips: what is left of it without waiting anywhere.
+    /// Returns the shortest of the stored round trips: the one with the least waiting.
     #[must_use]
     pub(crate) fn shortest_round_trip(&self) -> Option<Duration> {
         self.round_trips.iter().min().copied()

@@ -78,14 +78,13 @@ impl Connection {
         &self.client
     }
 
-    /// Receives what has arrived, sends what is due, and waits for at most `longest` for the next
-    /// datagram.
+    /// Receives all datagrams that have arrived, sends those that are due, and waits for at most `longest` for the next
+    /// one.
     ///
     /// # Errors
     /// When the network fails permanently.
     pub fn step(&mut self, longest: Duration) -> Result<(), LinkError> {
-        // First what came while this program did something else: what is sealed now states the newest
-        // of it.
+        // First the datagrams that came meanwhile, because a sealed datagram echoes the newest of them.
         self.receive_arrived()?;
         if self.path.follow()? {
             self.client.move_address();
@@ -131,7 +130,7 @@ impl Connection {
     /// latched, as does each that the robot had not stated when the session began.
     ///
     /// # Errors
-    /// As for [`RobotLink::ask`]; when somebody else stopped the robot, or the cause of a fault is still there.
+    /// As for [`RobotLink::ask`]; when another operator stopped the robot, or the cause of a fault is still there.
     pub fn clear(&mut self, asked: std::time::Instant) -> Result<Telemetry, LinkError> {
         // A delay of telemetry makes a stop or fault look younger than it is: the oldest age among several reports decides.
         let is_known = |it: &Telemetry| it.latched_for().is_none_or(|ago| ago >= asked.elapsed());
@@ -247,9 +246,9 @@ impl Drop for Connection {
     }
 }
 
-/// Stops the robot at this address without a session, whoever holds it, and waits until it is at rest. Asks by all of these keys
-/// at once, and also at all addresses that `more` returns meanwhile: one of them may be of somebody who passes on what proves
-/// the key, and not the stop. Returns the place of the key that the robot has answered by.
+/// Stops the robot at this address without a session, also while another operator holds the robot, and waits until it is at rest.
+/// Asks by all of these keys at once, and also at all addresses that `more` returns meanwhile, because an address may be that of
+/// a relay that passes on the proof of the key and not the stop. Returns the place of the key that the robot has answered by.
 ///
 /// # Errors
 /// When no robot answers, it refuses every key, or does not come to rest; when the network fails, or
@@ -274,16 +273,16 @@ pub fn stop(
     let mut datagram = [0; MAXIMUM_DATAGRAM + 1];
     loop {
         while let Some(other) = more() {
-            // One that cannot be asked keeps nobody from being asked.
+            // An address that cannot be asked keeps no other from being asked.
             stops.extend(ask(other).collect::<Result<Vec<_>, LinkError>>().unwrap_or_default());
         }
-        // Where others are asked, too, what is wrong with one way ends nothing.
+        // Where others are asked, too, an error of one way ends nothing.
         let is_alone = stops.len() == keys.len();
         let (mut failed, mut failures) = (ConnectError::NoAnswer, 0);
         for (place, (path, stop)) in stops.iter_mut().enumerate() {
             let by = place % keys.len();
             if path.follow().unwrap_or_default() {
-                // What the robot has answered so far holds for the former address.
+                // The robot's answers so far hold for the former address.
                 path.socket().set_nonblocking(true)?;
                 *stop = StopSession::new(keys[by], entropy()?, now());
             }
@@ -315,7 +314,7 @@ pub fn stop(
         }
         for (path, stop) in &mut stops {
             for _ in 0..ANSWERS_AT_ONCE {
-                // What is wrong with a socket ends what is sent by it.
+                // An error of a socket ends sending by it.
                 let received = path.receive(&mut datagram).ok().flatten();
                 let Some(length) = received else { break };
                 // One that is dropped is one that a stranger sent, or came twice.
