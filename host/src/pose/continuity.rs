@@ -1,6 +1,6 @@
 //! Continuity of a stream of poses: a jump that no robot can make breaks the trust in the stream.
 //!
-//! Motion capture is not authenticated. Poses that somebody sends beside the true ones are somewhere
+//! Motion capture is not authenticated. Poses that an attacker sends beside the true ones are somewhere
 //! else, so the two streams jump to and fro. A pose is trusted when each pose of the last
 //! [`STEADY_TIME`] was within reach of the one before it, and of one that is [`ANCHOR_AGE`] old or the
 //! next older; the reach in the time `dt` is [`REACH`]` + `[`FASTEST`]` * dt` and [`TURN`]` +

@@ -1,7 +1,7 @@
 //! Delay of a stream of poses, by the tracker's own clock.
 //!
 //! A network that queues delivers poses late, in order, and none is lost: only the time at which their pictures were taken shows
-//! it. Both clocks differ by an unknown time, and so the delay is known only from its least value: what is late from the very
+//! it. Both clocks differ by an unknown time, and so the delay is known only from its least value: a delay from the very
 //! start, or from a step of the tracker's clock on, cannot be seen. The least value creeps up by [`DRIFT`], as clocks drift
 //! apart: a stream that stays late by 2 s is believed again after an hour.
 //!
@@ -16,7 +16,7 @@ use super::order::Arrival;
 
 /// Time in which two clocks drift apart by a second: at 500 ppm, the most by which a system sets its clock slowly.
 const DRIFT: u32 = 2000;
-/// Where what was sent later was exposed earlier by more, it is a recording, or the tracker's clock was set.
+/// A later picture that was exposed earlier by more than this is of a recording, or the tracker's clock was set.
 const STEP: Duration = Duration::from_millis(100);
 /// Longest time for which a network keeps pictures back.
 const HELD: Duration = Duration::from_secs(5);

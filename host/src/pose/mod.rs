@@ -230,7 +230,7 @@ impl Pose {
         (1.0 - 2.0 * (x * x + y * y)).clamp(-1.0, 1.0).acos()
     }
 
-    /// Returns why this is no pose of a robot on the floor, with what to do. A tracker in the plane states no height.
+    /// Returns why this is no pose of a robot on the floor, with a remedy. A tracker in the plane states no height.
     #[must_use]
     pub fn floating(&self, is_planar: bool) -> Option<String> {
         let tilt = self.tilt();

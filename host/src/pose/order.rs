@@ -2,9 +2,9 @@
 //!
 //! A picture is next when its stamp is after the newest one, and no more than [`AHEAD`] ahead of the time that has passed
 //! since. One slip ahead therefore does not shut out those after it. A stream began anew (its tracker started again, its clock
-//! was set, a recording is played again) when [`ANEW`] pictures in a row ascend during [`ANEW_TIME`], none of them next: what
-//! waited in a queue comes at once. Times that came before come from an echo or from a tracker that stands still, and count for
-//! nothing.
+//! was set, a recording is played again) when [`ANEW`] pictures in a row ascend during [`ANEW_TIME`], none of them next: pictures
+//! that waited in a queue come at once. Times that came before come from an echo or from a tracker that stands still, and
+//! count for nothing.
 //!
 //! Frames that state no time are ordered by their numbers. Then nothing distinguishes an echo from a recording that is played again:
 //! both go on after [`ANEW_TIME`], and a recording that is shorter does not. With times, a recording that repeats its old ones
@@ -19,8 +19,8 @@ use flix_protocol::units::Instant;
 const ANEW: u32 = 10;
 /// Shortest time in which they come.
 const ANEW_TIME: Duration = Duration::from_millis(100);
-/// Most by which the tracker's clock may get ahead of ours from one picture to the next: what a network delays, and a clock
-/// that shows tens of milliseconds.
+/// Most by which the tracker's clock may get ahead of ours from one picture to the next: a network's delay, and a clock
+/// with a resolution of tens of milliseconds.
 const AHEAD: Duration = Duration::from_millis(100);
 /// Times that are known again: of ten seconds at 100 Hz.
 const REMEMBERED: usize = 1024;

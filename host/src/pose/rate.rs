@@ -52,7 +52,7 @@ impl PoseRate {
     }
 }
 
-/// Returns what so few poses a second cost; `None` of enough.
+/// Returns the cost of so few poses a second; `None` where they are enough.
 #[must_use]
 pub fn cost(rate: f64) -> Option<String> {
     (rate * NOISE < PLENTY).then(|| {

@@ -9,7 +9,7 @@ use super::delay::Delay;
 use super::order::{Arrival, Order, Stamp};
 use super::{LATE, Pose};
 
-/// What the pictures that came so far are worth. Takes constant memory; never panics.
+/// Judge of a stream's pictures. Takes constant memory; never panics.
 #[derive(Debug, Default)]
 pub(super) struct Stream {
     order: Order,
@@ -29,7 +29,7 @@ pub(super) struct Newer {
 }
 
 impl Stream {
-    /// Takes a picture that came now, with what orders it, when it was taken, and its pose if the tracker trusts that. Returns
+    /// Takes a picture that came now, with its order, its time of exposure, and its pose if the tracker trusts that. Returns
     /// `None` when it is not newer than all before it.
     pub(super) fn take(
         &mut self,

@@ -11,9 +11,9 @@
 //! one that comes late ([`LATE`](super::LATE)) is not trusted.
 //!
 //! Datagrams are not authenticated: those of the first sender alone are taken, until it is silent for
-//! `SENDER_PATIENCE`, or for `PORT_PATIENCE` where another port of its computer goes on, and a stream that jumps is not trusted ([`crate::pose::continuity`]). Nobody knows which of two
-//! senders is the tracker: while another one is heard, no pose is trusted. With the tracker's address only its datagrams
-//! are looked at.
+//! `SENDER_PATIENCE`, or for `PORT_PATIENCE` where another port of its computer goes on, and a stream that jumps is not
+//! trusted ([`crate::pose::continuity`]). Of two senders either may be the tracker: while another one is heard, no pose is
+//! trusted. With the tracker's address only its datagrams are looked at.
 
 use std::f64::consts::TAU;
 use std::fmt;
@@ -59,7 +59,7 @@ impl fmt::Display for WrongUnit {
     }
 }
 
-/// What was received so far.
+/// Counts of the datagrams received so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct UdpStatistics {
     /// Poses of the sender.
@@ -83,7 +83,7 @@ pub struct UdpStatistics {
     pub stranger: Option<IpAddr>,
 }
 
-/// Who sends the poses.
+/// Sender of the poses.
 #[derive(Debug, Clone, Copy)]
 struct Sender {
     address: SocketAddr,
@@ -134,7 +134,7 @@ impl UdpSource {
         self.socket.local_addr()
     }
 
-    /// Returns what was received so far.
+    /// Returns counts of the datagrams received so far.
     #[must_use]
     pub fn statistics(&self) -> UdpStatistics {
         self.statistics
@@ -282,7 +282,7 @@ impl Named {
     }
 }
 
-/// Returns what a datagram states.
+/// Returns the content of a datagram.
 ///
 /// # Errors
 /// When it is no pose, with the number that is in another unit if one is.
@@ -355,7 +355,7 @@ mod tests {
         }
     }
 
-    /// What the system reports of a network that is away, or of another socket, is no end of the poses.
+    /// An error of a network that is away, or of another socket, does not end the poses.
     #[test]
     fn an_error_that_passes_does_not_end_the_poses() {
         let (mut source, [tracker, _]) = wired();
@@ -383,7 +383,7 @@ mod tests {
         assert_eq!((source.statistics().poses, source.statistics().out_of_order), (23, 13));
     }
 
-    /// The samples of pictures that come and were taken then, ms, in one place, and what was counted.
+    /// The samples of pictures that arrive and were taken at these times, ms, in one place, and the counts.
     fn samples(pictures: impl IntoIterator<Item = (u64, u64)>) -> (Vec<PoseSample>, UdpStatistics) {
         let (mut source, [tracker, _]) = wired();
         let samples = pictures.into_iter().filter_map(|(now, taken)| {

@@ -1,11 +1,11 @@
-//! What an operator can command, by whatever device.
+//! Commands of an operator, by any device.
 
 use flix_protocol::message::{MAXIMUM_DIRECTION, MAXIMUM_FREQUENCY, Setpoint};
 use flix_protocol::units::{Degrees, Hertz};
 
 use super::paper_modes::PaperMode;
 
-/// What the operator commands.
+/// A command of the operator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action {
     /// Stop now; the stop is latched.
@@ -34,7 +34,7 @@ pub enum Action {
 
 impl Action {
     /// Returns a setpoint after this step of f, rounded to tenths of a hertz, or of theta, both within their ranges; nothing
-    /// for what is no step.
+    /// for other actions than steps.
     #[must_use]
     pub fn step(self, from: Setpoint) -> Option<Setpoint> {
         let (frequency, direction) = match self {

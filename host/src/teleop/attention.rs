@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use flix_protocol::units::Instant;
 
-/// How long a robot walks on without an operator who shows that he is there, and since when he has not.
+/// Time for which a robot walks on without a sign of its operator, and the time of his last sign.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Attention {
     pub(super) patience: Duration,

@@ -1,4 +1,4 @@
-//! The state between link and screen: what the operator sees and commands.
+//! State between link and screen: pictures for the operator, commands of the operator.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -72,7 +72,7 @@ pub struct Line {
     pub at: Duration,
     /// Severity.
     pub weight: Weight,
-    /// What happened.
+    /// Sentence of the event.
     pub text: String,
 }
 
@@ -120,7 +120,7 @@ pub struct Cockpit {
     pub is_unrecorded: bool,
     /// The robot's settings, once a screen has asked for them.
     pub settings: Settings,
-    /// What the robot's scope has captured for a screen.
+    /// Captures of the robot's scope for a screen.
     pub scope: Viewer,
     /// Where the robot is, once poses are trusted.
     pub floor: Option<Floor>,
@@ -275,7 +275,7 @@ impl Cockpit {
                     self.note(now, Weight::Note, mode.name());
                     if let Some(floor) = &mut self.floor {
                         floor.begin(mode == PaperMode::Forward);
-                        // Whoever turns wants another heading.
+                        // A turn asks for another heading.
                         if matches!(mode, PaperMode::LeftTurn | PaperMode::RightTurn)
                             && floor.held().is_some()
                         {
@@ -409,7 +409,7 @@ impl Cockpit {
         }
     }
 
-    /// Commands what keeps the heading that is held; says when poses stay away.
+    /// Commands the direction that keeps the held heading; reports missing poses.
     fn steer(&mut self, client: &mut Client, now: Instant) {
         let Some(floor) = &mut self.floor else { return };
         let steered = floor.steer(now, self.setpoint);

@@ -17,7 +17,7 @@ const STEP: f64 = 0.01;
 const LONGEST: usize = 1000;
 /// A pose older than this is not steered by.
 const POSE_DEADLINE: Duration = Duration::from_millis(100);
-/// Time without a pose after which the robot is where nobody knows.
+/// Time without a pose after which the robot's place counts as unknown.
 const UNSEEN_AFTER: Duration = Duration::from_millis(500);
 /// Error of the heading at which the robot turns back to it, rad (10 degrees).
 const TURNS_AT: f64 = PI / 18.0;

@@ -1,7 +1,7 @@
 //! Driving by hand, in a terminal or a browser.
 //!
-//! [`Cockpit`] is what the operator has before him in either: it keeps the state from [`Action`](action::Action)s and the reports of the link. `flix-cli` converts keys and
-//! sticks to actions, draws the state, and owns the terminal.
+//! [`Cockpit`] is the model behind both screens: it keeps the state from [`Action`](action::Action)s and the reports of the
+//! link. `flix-cli` converts keys and sticks to actions, draws the state, and owns the terminal.
 
 pub mod action;
 mod attention;

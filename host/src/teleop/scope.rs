@@ -8,12 +8,12 @@ use flix_protocol::units::Instant;
 use crate::link::Client;
 use crate::scope::{Capture, WishError, channels, trigger};
 
-/// What an operator wants to see.
+/// Capture that an operator wants to see.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Wish {
     /// A new capture.
     Plan(ScopePlan),
-    /// What the robot has kept of the last fault.
+    /// The robot's capture of the last fault.
     Last,
 }
 
@@ -59,7 +59,7 @@ enum Step {
     },
 }
 
-/// What an answer was about.
+/// Subject of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Answered {
     /// One of many steps.
@@ -85,7 +85,7 @@ impl Viewer {
         self.revision
     }
 
-    /// Begins what is wanted, instead of what was under way.
+    /// Begins this capture, and gives up the one under way.
     pub fn begin(&mut self, wish: Wish, client: &mut Client, now: Instant) {
         let (command, is_new) = match wish {
             Wish::Plan(plan) => (ScopeCommand::Begin(plan), true),
@@ -95,7 +95,7 @@ impl Viewer {
         self.step = Some(Step::Asked { request, is_new });
     }
 
-    /// Gives up what was under way, as after a lost connection.
+    /// Gives up the capture under way, as after a lost connection.
     pub fn give_up(&mut self) {
         self.step = None;
     }

@@ -44,7 +44,7 @@ pub struct Settings {
     saving: Option<u32>,
 }
 
-/// What an answer was about.
+/// Subject of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Answered {
     /// A part of the list, or the list as a whole.
@@ -98,7 +98,7 @@ impl Settings {
         self.refused.as_ref().filter(|(refused, _)| refused == name).map(|(_, why)| why.as_str())
     }
 
-    /// Changes one setting until power-off to what a person has written ([`read_value`]), and reads all again: one may bound
+    /// Changes one setting until power-off to a written value ([`read_value`]), and reads all again, because one setting may bound
     /// others.
     ///
     /// # Errors
@@ -177,7 +177,7 @@ impl Settings {
     }
 }
 
-/// A setting with what it is for, as programs read it.
+/// A setting with its purpose, as programs read it.
 #[derive(Debug, Serialize)]
 pub struct Described<'a> {
     /// Its name.
@@ -194,7 +194,7 @@ pub struct Described<'a> {
     pub maximum: f32,
     /// How the value is known: "assumed", "entered" or "measured"; `None` where that needs no word.
     pub mark: Option<String>,
-    /// What it is for; `None` for a setting that this program does not know.
+    /// Purpose; `None` for a setting that this program does not know.
     pub description: Option<&'static str>,
 }
 

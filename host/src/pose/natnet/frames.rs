@@ -1,4 +1,4 @@
-//! What the frames of a stream are worth: their order, their delay, and whether their poses can be believed.
+//! Judges the frames of a stream: order, delay, and trust in their poses.
 
 use std::net::IpAddr;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use crate::pose::order::Stamp;
 use crate::pose::stream::Stream;
 use crate::pose::{Picture, Pose, PoseSample};
 
-/// What was received so far.
+/// Counts of the frames received so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct NatNetStatistics {
     /// Datagrams of any kind from the server.
@@ -35,7 +35,7 @@ pub struct NatNetStatistics {
     pub stranger: Option<IpAddr>,
 }
 
-/// What one datagram reported.
+/// Content of one datagram.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NatNetReading {
     /// Number of the frame.
@@ -57,7 +57,7 @@ pub(super) struct Frames {
     pub(super) statistics: NatNetStatistics,
 }
 
-/// What follows from a frame.
+/// Result of a frame.
 #[derive(Debug)]
 pub(super) struct Judged {
     /// The pose, if it is newer than all before it.
@@ -135,7 +135,7 @@ mod tests {
         NatNetReading { frame, body: Some((pose, true)), ticks, is_list_changed: false }
     }
 
-    /// The samples of frames that come then, ms, and what was counted.
+    /// The samples of frames that come at these times, ms, and the counts.
     fn samples(
         frames: impl IntoIterator<Item = (u64, NatNetReading)>,
     ) -> (Vec<PoseSample>, NatNetStatistics) {

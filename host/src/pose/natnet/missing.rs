@@ -43,7 +43,7 @@ mod tests {
             let mut missing = Missing::default();
             frames.iter().map(|frame| missing.take(*frame)).sum::<u64>()
         };
-        // What was sent before the first is not missed.
+        // Frames before the first count as not missing.
         assert_eq!(missing(&[500, 1, 2]), 0);
         assert_eq!(missing(&[0, 127, 255, 256]), 126 + 127);
         assert_eq!(missing(&[i32::MIN, i32::MAX, i32::MIN]), u64::from(u32::MAX) - 1);

@@ -1,4 +1,4 @@
-//! The sending end: what Motive does, for a simulated robot.
+//! The sending end, as of Motive, for a simulated robot.
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
@@ -86,7 +86,7 @@ impl NatNetServer {
         self.clients.len()
     }
 
-    /// Answers what has come in. Never waits.
+    /// Answers the requests that have come in. Never waits.
     ///
     /// # Errors
     /// When the socket fails for good.

@@ -1,7 +1,7 @@
 //! The receiving end.
 //!
 //! NatNet is not authenticated. The source takes datagrams of the server's address alone, on the network
-//! card that reaches it, and trusts no stream that jumps ([`crate::pose::continuity`]). Somebody on the
+//! card that reaches it, and trusts no stream that jumps ([`crate::pose::continuity`]). An attacker on the
 //! same network who forges the server's address can still keep the poses from being trusted.
 
 use std::io;
@@ -68,7 +68,7 @@ impl FromStr for Body {
     }
 }
 
-/// Where the stream comes from and what is wanted of it.
+/// Origin of the stream, and the body wanted of it.
 #[derive(Debug, Clone)]
 pub struct NatNetSettings {
     /// Motive's computer and command port.
@@ -94,22 +94,22 @@ pub enum NatNetError {
     Socket {
         /// The card that was asked for.
         interface: Ipv4Addr,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// Nobody answered.
+    /// No server answered.
     #[error(
         "no answer from {0}: start Motive there (or `flix-sim serve --natnet`), switch on its data streaming, let UDP ports 1510 and 1511 \
          through its firewall, and set its streaming interface to the network card that reaches this \
          computer, not to loopback"
     )]
     NoAnswer(SocketAddrV4),
-    /// Somebody answered, but not in NatNet.
+    /// A server answered, but not in NatNet.
     #[error("{server} answered with something that is not NatNet: {reason}")]
     NotNatNet {
-        /// Who.
+        /// Address of the server.
         server: SocketAddrV4,
-        /// What did not fit.
+        /// The contradiction.
         reason: String,
     },
     /// A layout that is not known.
@@ -117,18 +117,18 @@ pub enum NatNetError {
         "{server} streams NatNet {version}; 3.0, 3.1 and all from 4.0 on are understood: update Motive"
     )]
     Version {
-        /// Who.
+        /// Address of the server.
         server: SocketAddrV4,
         /// Names the version.
         version: String,
     },
-    /// A layout that is newer than what is known, on a stream that nobody can ask another one of.
+    /// A layout newer than those known, on a stream whose server cannot be asked for another.
     #[error(
         "{server} streams NatNet {version} by multicast; there 3.0 to 4.1 are understood: switch Motive's data streaming to \
          unicast, where 4.1 can be asked for"
     )]
     Multicast {
-        /// Who.
+        /// Address of the server.
         server: SocketAddrV4,
         /// Names the version.
         version: String,
@@ -139,7 +139,7 @@ pub enum NatNetError {
          streaming, or switch it to unicast"
     )]
     NoGroup {
-        /// Who.
+        /// Address of the server.
         server: SocketAddrV4,
         /// Where to.
         group: Ipv4Addr,
@@ -151,11 +151,11 @@ pub enum NatNetError {
          that speaks 4.1 or earlier, or send the poses as text (--pose udp:PORT)"
     )]
     NotGranted {
-        /// Who.
+        /// Address of the server.
         server: SocketAddrV4,
         /// The version that it speaks.
         version: String,
-        /// What did not fit.
+        /// The contradiction.
         reason: String,
     },
     /// The asked body is not streamed.
@@ -163,7 +163,7 @@ pub enum NatNetError {
     NoSuchBody {
         /// Asked for.
         wanted: String,
-        /// What there is.
+        /// Bodies that there are.
         present: String,
     },
     /// Several bodies and none was named.
@@ -177,13 +177,13 @@ pub enum NatNetError {
     Ambiguous(String),
 }
 
-/// What was read from the socket.
+/// Result of a read from the socket.
 enum Received {
     /// A datagram of the server's stream, of this length.
     Datagram(usize),
     /// One beside the stream.
     Answer(usize),
-    /// A datagram of somebody else.
+    /// A datagram of another sender.
     Foreign,
 }
 
@@ -216,7 +216,7 @@ impl Multicast {
 /// A stream of poses from Motive.
 pub struct NatNetSource {
     settings: NatNetSettings,
-    /// Whether nobody has named the network card, so that the system's choice is followed.
+    /// Whether the system's choice of network card is followed, because none was named.
     follows: bool,
     info: ServerInfo,
     layout: Layout,
@@ -226,7 +226,7 @@ pub struct NatNetSource {
     /// Where frames come; without it by `command`.
     multicast: Option<Multicast>,
     next_keepalive: Instant,
-    /// What begins the stream, and when it is said again.
+    /// Request that begins the stream, repeated at intervals.
     greeting: Vec<u8>,
     greet_at: Instant,
     buffer: Vec<u8>,
@@ -242,7 +242,7 @@ impl NatNetSource {
     /// announces.
     ///
     /// # Errors
-    /// In sentences that say what to change.
+    /// Each with a remedy.
     pub fn connect(mut settings: NatNetSettings) -> Result<Self, NatNetError> {
         let follows = settings.interface.is_unspecified();
         if follows {
@@ -280,7 +280,7 @@ impl NatNetSource {
         })
     }
 
-    /// Returns who streams.
+    /// Returns the server that streams.
     #[must_use]
     pub fn server(&self) -> &ServerInfo {
         &self.info
@@ -303,7 +303,7 @@ impl NatNetSource {
         &self.bodies
     }
 
-    /// Returns what was received so far.
+    /// Returns counts of the frames received so far.
     #[must_use]
     pub fn statistics(&self) -> NatNetStatistics {
         self.frames.statistics
@@ -386,7 +386,7 @@ impl NatNetSource {
         self.heard = Some(now);
     }
 
-    /// Takes who streams, as the server says when it is greeted again: a Motive that started anew may speak another version, or
+    /// Takes the server's answer to another greeting: a Motive that started anew may speak another version, or
     /// stream another way.
     fn renew(&mut self, now: Instant, info: ServerInfo) -> Result<(), NatNetError> {
         let [spoken, before] = [&info, &self.info].map(|info| info.protocol_version);
@@ -499,7 +499,7 @@ impl NatNetReading {
         };
         let mut meant =
             frame.rigid_bodies.iter().filter(|b| body.is_none_or(|number| b.id == number));
-        // Of several, nobody knows which is the robot.
+        // Of several bodies none can be told to be the robot.
         let found = meant.next().filter(|_| meant.next().is_none());
         let body = found.map(|b| {
             let pose = up.to_pose(b.position, b.orientation);
@@ -511,7 +511,7 @@ impl NatNetReading {
     }
 }
 
-/// What the datagrams of a stream look like.
+/// Layout of a stream's datagrams.
 #[derive(Debug, Clone, Copy)]
 struct Layout {
     version: Version,
@@ -535,7 +535,7 @@ impl Layout {
         Ok(Self { version: NEWEST, is_asked_for: true })
     }
 
-    /// Returns what begins a stream of it.
+    /// Returns the request that begins a stream of this layout.
     fn greeting(self) -> Result<Request, CommandError> {
         if self.is_asked_for {
             connect_request_with(ConnectOptions::requesting(self.version))
@@ -612,7 +612,7 @@ impl Conversation {
         not_natnet(self.settings.server, reason)
     }
 
-    /// Returns who answers, and what it speaks when nothing is asked for.
+    /// Returns the server that answers, with its default version.
     fn greet(&self) -> Result<ServerInfo, NatNetError> {
         let question = connect_request().map_err(|e| self.strange(e))?;
         self.ask(&[question.as_bytes()], |id, datagram| {
@@ -622,7 +622,7 @@ impl Conversation {
         .map_err(|e| self.strange(e))
     }
 
-    /// Returns all rigid bodies. Where a layout is asked for, proves on what comes that it is granted.
+    /// Returns all rigid bodies. Verifies by the answer that a requested layout was granted.
     fn bodies(&self, info: &ServerInfo, layout: Layout) -> Result<Bodies, NatNetError> {
         let server = self.settings.server;
         let strange = |error: CommandError| self.strange(error);

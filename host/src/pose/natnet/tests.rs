@@ -340,7 +340,7 @@ impl Motive {
             body.extend([0; 12]);
             body.extend(0_i32.to_le_bytes());
             if is_newer {
-                // Nobody here knows what a later version adds; it is after the name.
+                // A later version may add any bytes after the name.
                 body.splice(name.len() + 1..=name.len(), [0xff; 16]);
             }
             payload.extend(1_i32.to_le_bytes());
@@ -366,7 +366,7 @@ impl Motive {
             pose.position.x += if *name == OTHER { 0.01 } else { 0.0 };
             let (position, orientation) = UpAxis::Y.from_pose(&pose);
             described.extend(body.to_le_bytes());
-            // Nobody here knows what a later version adds: before the pose it is one that is not true.
+            // A later version may add any bytes: before the pose they look like a false one.
             described.extend(vec![0x3e; if is_newer { 4 } else { 0 }]);
             for value in position.iter().chain(&orientation).chain(&[0.0002]) {
                 described.extend(value.to_le_bytes());
@@ -546,7 +546,7 @@ fn a_motive_that_starts_anew_and_streams_another_way_is_followed() {
 
 #[test]
 fn a_stream_that_changes_its_layout_later_gives_no_wrong_pose() {
-    // Another program has it send the newer one: it forgets what was asked for, and not the client.
+    // Another program has it send the newer layout: it forgets the requested one, and not the client.
     let motive = Motive { restarts_after: Some(100), forgets_clients: false, ..MOTIVE };
     let (samples, unreadable) = across_a_restart(&motive);
     assert!(samples.iter().all(|it| close(&it.pose, &some_pose())) && unreadable > 0);

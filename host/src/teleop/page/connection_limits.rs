@@ -1,12 +1,12 @@
-//! Limits of connections to the cockpit's server: who may wait for a page, and for how long.
+//! Limits of connections to the cockpit's server: number, and time to wait for a page.
 //!
-//! A stranger is who has not shown the token. A page shows it in its first packet, so a stranger gets little time
+//! A stranger is a client that has not shown the token. A page shows it in its first packet, so a stranger gets little time
 //! ([`PATIENCE`]), and few may wait at once ([`MOST_STRANGERS`]). One more turns another out, chosen so:
 //!
-//! 1. of those in the network in which most wait (256 addresses of IPv4, /24; one link of IPv6, /64): whoever has many addresses
+//! 1. of those in the network in which most wait (256 addresses of IPv4, /24; one link of IPv6, /64): a client with many addresses
 //!    has them in few networks;
 //! 2. of these, those behind the address behind which most wait;
-//! 3. of these, the one who has waited longest.
+//! 3. of these, the one that has waited longest.
 //!
 //! So a page is served while others open sockets without end, behind its own address, too, and the program keeps its
 //! descriptors for the robot. Strangers of other networks turn a page out only where no network holds more than its own.
@@ -21,13 +21,13 @@ pub const MOST_STRANGERS: usize = 64;
 pub const MOST_GUESTS: usize = 32;
 /// Time in which a stranger shows the token: a first packet that is lost is sent again after 1 s, and again after 3 s.
 pub const PATIENCE: Duration = Duration::from_secs(5);
-/// Time in which whoever has shown the token takes the page: some 100 kB over a slow radio.
+/// Time in which a client that has shown the token takes the page: some 100 kB over a slow radio.
 pub const DELIVERY: Duration = Duration::from_secs(10);
 
 /// Number of a socket, never used again.
 pub type Number = u64;
 
-/// All who have come in, in the order in which they came.
+/// All admitted clients, in the order of their arrival.
 #[derive(Debug, Clone, Default)]
 pub struct Visitors {
     came: Number,
@@ -36,8 +36,8 @@ pub struct Visitors {
 }
 
 impl Visitors {
-    /// Takes in a stranger behind this address: returns his number, and who is turned out for him. `None` where nobody can
-    /// be taken in, as those that have shown the token fill it.
+    /// Admits a stranger behind this address. Returns his number, and that of the stranger who is turned out for him; `None` where
+    /// clients that have shown the token take all places.
     pub fn admit(&mut self, address: IpAddr) -> Option<(Number, Option<Number>)> {
         if self.guests.len() >= MOST_GUESTS {
             return None;
@@ -49,13 +49,13 @@ impl Visitors {
         Some((self.came, turned_out))
     }
 
-    /// Turns out who has waited longest in the [most crowded](most_crowded) place.
+    /// Turns out the stranger that has waited longest in the [most crowded](most_crowded) place.
     pub fn turn_out(&mut self) -> Option<Number> {
         let addresses: Vec<_> = self.strangers.iter().map(|it| it.1).collect();
         Some(self.strangers.remove(most_crowded(&addresses)?).0)
     }
 
-    /// Takes that a stranger has shown the token: nobody turns him out any more.
+    /// Notes that a stranger has shown the token, and is turned out no more.
     pub fn welcome(&mut self, number: Number) {
         let strangers = self.strangers.len();
         self.strangers.retain(|stranger| stranger.0 != number);
@@ -137,7 +137,7 @@ mod tests {
             let mut visitors = Visitors::default();
             let own: IpAddr = own.parse().unwrap();
             let (page, _) = visitors.admit(own).unwrap();
-            // What a browser opens beside it.
+            // A second connection that a browser opens.
             visitors.admit(own).unwrap();
             for number in 1..=250 {
                 let other = format!("{of_network}{number}").parse().unwrap();

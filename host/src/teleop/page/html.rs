@@ -8,20 +8,20 @@ const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
-/// What differs between the page of a robot on the network and that of a robot inside the page.
+/// Differences between the page of a robot on the network and that of a robot inside the page.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Page<'a> {
     /// Style besides that of the cockpit, as CSS.
     pub style: &'a str,
-    /// What follows the banner, as HTML.
+    /// HTML after the banner.
     pub panel: &'a str,
-    /// What follows the gauges, as HTML.
+    /// HTML after the gauges.
     pub world: &'a str,
     /// How the page reaches its robot: JavaScript that defines `openConnection`, which returns an object such as a
     /// WebSocket; `SILENT_MS` and `GIVE_UP_MS`, how long it may bring nothing until the page shows nothing, and opens another;
-    /// `DEAF_MS`, how long it may leave a STOP unanswered until another is tried;
-    /// `NO_CONNECTION` and `STOP_UNHEARD`, what is said without one, the second to who has asked for a stop; and `drawWorld`,
-    /// which returns whether it has drawn the robot; `ownPicture` returns what it draws besides what a snapshot states.
+    /// `DEAF_MS`, how long it may leave a STOP unanswered until another is tried; `NO_CONNECTION` and `STOP_UNHEARD`, the
+    /// sentences without a connection, the second after a press of STOP; `drawWorld`, which returns whether it has drawn the
+    /// robot; and `ownPicture`, which returns drawings beyond those of a snapshot.
     pub connection: &'a str,
     /// Whether a walk ends when its key or button is released.
     pub holds_to_run: bool,

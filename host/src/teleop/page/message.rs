@@ -1,4 +1,4 @@
-//! What a page may say: one short line of JSON.
+//! Messages of a page: one short line of JSON each.
 //!
 //! ```text
 //! {"seen":1200}                            sees the snapshot of that stamp, ms
@@ -26,13 +26,13 @@ pub const LONGEST: usize = 256;
 pub struct Message {
     /// Stamp of the newest snapshot that the page has shown, ms.
     pub seen: u64,
-    /// What its operator wants.
+    /// Request of its operator.
     pub request: Option<Request>,
     /// Number of the press that asks for it, chosen by the page.
     pub press: Option<u32>,
 }
 
-/// What an operator wants.
+/// Request of an operator.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Request {
     /// To become the page that drives.

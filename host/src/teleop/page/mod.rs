@@ -1,8 +1,8 @@
 //! Driving by hand in a browser, from this computer or a phone.
 //!
-//! Pure parts: [`message`] checks what a page says, [`pages`] decides which page drives and when its operator is silent,
-//! [`snapshot`] is what all pages see, [`connection_limits`] decides who may wait for a page. `flix-cli` owns the sockets and the
-//! loop, and decides who may ask at all. The robot's side is that of the terminal:
+//! Pure parts: [`message`] checks a page's messages, [`pages`] decides which page drives and when its operator is silent,
+//! [`snapshot`] is the picture of all pages, [`connection_limits`] limits waiting connections. `flix-cli` owns the sockets and the
+//! loop, and decides which client may ask at all. The robot's side is that of the terminal:
 //! [`teleop::Cockpit`](crate::teleop::Cockpit).
 //!
 //! # Freshness
@@ -13,7 +13,7 @@
 //! [`SIGN_OF_LIFE`](pages::SIGN_OF_LIFE) is no sign of life and moves nothing; stop, rest and disarm are always done.
 //!
 //! A page answers each snapshot with a message of its own that asks for nothing, and is sent no more while some are unanswered: a
-//! slow connection shows fewer pictures, and none that is old. What is old all the same says so. A stop has arrived when
+//! slow connection shows fewer pictures, and none that is old. A picture that is old all the same says so. A stop has arrived when
 //! a snapshot states its press; until then the page says that it may not have, and asks again by another connection.
 
 pub mod connection_limits;

@@ -53,7 +53,7 @@ impl Driver {
     }
 }
 
-/// A page said what no page says.
+/// A page sent a message that no page sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Misuse;
 
@@ -104,8 +104,7 @@ impl Pages {
         }
     }
 
-    /// Takes that a page said what no page says: it is heard no more, and the robot stops. A number that is not open is passed
-    /// over.
+    /// Ends a page that sent a message that no page sends, and stops the robot. A number that is not open is passed over.
     pub fn expel(
         &mut self,
         page: PageId,
@@ -124,7 +123,7 @@ impl Pages {
     /// Takes a message of a page; one of a page that is not open, as it was expelled, is passed over.
     ///
     /// # Errors
-    /// When it states to have seen what is not shown yet.
+    /// When it claims to have seen a picture that is not shown yet.
     pub fn receive(
         &mut self,
         page: PageId,
@@ -151,7 +150,7 @@ impl Pages {
         match message.request {
             Some(Request::Attend) if drives && is_fresh => cockpit.attend(now),
             None | Some(Request::Attend) => {}
-            // Who asks again, since nobody has said that it was heard, stops nothing that was cleared meanwhile.
+            // A stop that is repeated for want of an answer does not stop a robot that was cleared meanwhile.
             Some(Request::Act(Action::Stop)) if was_heard => {}
             Some(Request::Act(Action::Stop)) => {
                 cockpit.act(Action::Stop, seen, client, now);
@@ -220,8 +219,8 @@ fn rest(cockpit: &mut Cockpit, client: &mut Client, now: Instant) {
     }
 }
 
-/// Disarms the robot unless it is disarmed as far as anybody here knows: it may stay armed by itself with nothing held. What
-/// was asked for and not done yet ends.
+/// Disarms the robot unless its newest telemetry states that it is disarmed, because an armed robot may stay armed with nothing
+/// held. Ends requests that are not done yet.
 fn disarm(cockpit: &mut Cockpit, client: &mut Client, now: Instant, why: &str) {
     client.give_up(now);
     if client.is_driving() || !cockpit.telemetry.as_ref().is_none_or(|it| it.state.is_idle()) {

@@ -1,4 +1,4 @@
-//! What all pages see: one object of JSON, some thirty times a second.
+//! Snapshot that all pages show: one object of JSON, some thirty times a second.
 
 use flix_protocol::message::{Channel, Parameter, SCOPE_RATE_HZ, State, Telemetry};
 use flix_protocol::units::Instant;
@@ -22,23 +22,23 @@ pub fn modes() -> Value {
     PaperMode::ALL.into_iter().map(mode).collect()
 }
 
-/// Returns what a page is sent first: its number.
+/// Returns the first message to a page: its number.
 #[must_use]
 pub fn hello(page: u32) -> String {
     json!({ "you": page }).to_string()
 }
 
-/// What pages are sent only when it has changed: its name in their messages.
+/// Names of the parts of a message that pages are sent only after a change.
 pub const EXTRAS: [&str; 2] = ["settings", "scope"];
 
-/// Knows what of the [`EXTRAS`] was shown already.
+/// Remembers which of the [`EXTRAS`] was shown already.
 #[derive(Debug, Clone, Default)]
 pub struct News {
     revisions: [u32; EXTRAS.len()],
 }
 
 impl News {
-    /// Returns what has changed since the last call, with its position in [`EXTRAS`].
+    /// Returns the parts that have changed since the last call, each with its position in [`EXTRAS`].
     pub fn of(&mut self, cockpit: &Cockpit) -> Vec<(usize, Value)> {
         let revisions = [cockpit.settings.revision(), cockpit.scope.revision()];
         let old = core::mem::replace(&mut self.revisions, revisions);
