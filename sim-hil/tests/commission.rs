@@ -78,7 +78,7 @@ fn entered(seed: u64, times: f64) -> Watched {
 #[test]
 fn a_magnet_that_slips_while_it_is_measured_is_named() {
     let model = unknown_motors(9_201);
-    for (motor, slip, after) in [(1, -3.0, 47), (0, -2.0, 58), (1, 2.0, 62), (0, 1.0, 66)] {
+    for (motor, slip, after) in [(1, -3.0, 46), (0, -2.0, 58), (1, 2.0, 61), (0, 1.0, 66)] {
         let mut robot = Watched::power_up(model.clone(), 9_201).unwrap();
         let from = robot.operation.now() + Duration::from_secs(after);
         let until = from + Duration::from_secs(300);
