@@ -64,9 +64,9 @@ fn a_rotor_that_begins_to_rub_while_it_is_measured_is_named_and_the_settings_sta
     let mut model = unknown_motors(9_201);
     for (measures_bus, held, after, seconds) in [
         (false, 0.004, 24_100, 200),
-        (false, 0.004, 13_600, 1),
+        (false, 0.004, 12_200, 1),
         (false, 0.004, 24_100, 15),
-        (false, 0.002, 3_100, 53),
+        (false, 0.002, 3_100, 47),
         (true, 0.004, 3_100, 200),
         (true, 0.004, 6_100, 200),
         (true, 0.004, 8_100, 1),
