@@ -97,7 +97,7 @@ fn enter_begins_within_one_or_few_repetitions_through_heavy_loss() {
     assert!(mean < 0.014 && longest < 0.13, "mean {mean} s, longest {longest} s");
 }
 
-/// Nobody at a computer that wakes has seen what its robot did meanwhile.
+/// A walk goes on after a sleep of 0.3 s, when the rotors still turn. After a longer sleep the robot waits for a new wish.
 #[test]
 fn a_computer_that_sleeps_until_the_rotors_stand_moves_nothing_when_it_wakes() {
     for (asleep_ms, goes_on) in [(300, true), (900, false), (1_100, false), (3_000, false)] {

@@ -44,8 +44,8 @@ impl Weights {
     /// Those of the learned controller.
     pub const LEARNED: Self = Self { progress: 2.0, reversal: 0.15, risk: 1.0, ..Self::PREDICTIVE };
 
-    /// Returns the weights for a robot that has come no further for so long, s: the longer, the more progress counts. Otherwise
-    /// it could tremble for ever before a tip of its path, where to turn round costs an error.
+    /// Returns the weights of a robot without progress for `held` seconds: progress counts the more, the longer. Otherwise a robot
+    /// could tremble for ever before a tip of its path, where turning round costs an error.
     #[must_use]
     pub fn held(self, held: f64) -> Self {
         let factor = (held / HELD_FOR).clamp(1.0, LARGEST_FACTOR);
